@@ -1,0 +1,1 @@
+"""What was MEASURED of a unit: cameras, rectification, detection, solving, files. Start at `model`."""

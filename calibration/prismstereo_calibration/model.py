@@ -1,0 +1,179 @@
+"""The calibration: two virtual cameras behind one real lens, and the range they are used for.
+
+`nominal` is what the rig file promises: the pinholes that fit its exact optics best. `solve` measures a built unit,
+seeded by it. Lengths are in `unit`: millimetres, or board squares where nobody said how large a square is.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from prismstereo_calibration.camera import Camera
+from prismstereo_calibration.errors import CalibrationError
+from prismstereo_hw.frame import RawFrame
+from prismstereo_hw.lens import Lens
+from prismstereo_hw.optics.trace import view_fates
+from prismstereo_hw.optics.unfold import FoldedView, fold
+from prismstereo_hw.rig import RangeWish, Rig
+from prismstereo_hw.view import View
+
+__all__ = ["Calibration", "Model", "Unit"]
+
+Array = NDArray[np.float64]
+Model = Literal["one-lens", "two-camera"]
+Unit = Literal["mm", "square"]
+
+_ORTHOGONAL = 1e-6
+_FIT_ROUNDS = 8
+_FIT_GRID = (20, 12)
+_FIT_DEPTHS = 6
+
+
+@dataclass(frozen=True, slots=True)
+class Calibration:
+    """Everything that turns a raw frame into metric depth; checked when made, `CalibrationError` names what is wrong."""
+
+    rig: str
+    frame_width: int
+    frame_height: int
+    left_view: View
+    right_view: View
+    left: Camera
+    right: Camera
+    range: RangeWish
+    model: Model = "one-lens"
+    unit: Unit = "mm"
+    lens_position: int | None = None
+    rms_px: float | None = None
+    views_used: int = 0
+
+    def __post_init__(self) -> None:
+        """Refuse what no camera can be."""
+        _check_numbers(self)
+        _check_pose(self)
+
+    @property
+    def baseline(self) -> float:
+        """Distance of the two pinholes, in `unit`."""
+        return float(np.linalg.norm(self.right.t_camera_from_left))
+
+    @property
+    def views(self) -> tuple[View, View]:
+        """The left and the right view."""
+        return self.left_view, self.right_view
+
+    @classmethod
+    def nominal(cls, rig: Rig) -> Calibration:
+        """Return what the rig file promises: the two pinholes that fit its exact optics best over its range.
+
+        Behind a glass plate a view is not quite a pinhole; focal length, two distortion terms and a shift along the
+        axis take up most of it (reference: optics, not a single viewpoint).
+        """
+        left, right = fold(rig, "left"), fold(rig, "right")
+        lens, shift_mm = _fit_pinhole(rig, left)
+        R_left, t_left = left.R, left.view_from_rig(np.zeros(3)) - np.array([0.0, 0.0, shift_mm])
+        R_right, t_right = right.R, right.view_from_rig(np.zeros(3)) - np.array([0.0, 0.0, shift_mm])
+        R = R_right @ R_left.T
+        left_view, right_view = rig.views
+        return cls(
+            rig=rig.name,
+            frame_width=rig.camera.video.width,
+            frame_height=rig.camera.video.height,
+            left_view=left_view,
+            right_view=right_view,
+            left=Camera.at_origin(lens),
+            right=Camera(lens, R, t_right - R @ t_left),
+            range=rig.range,
+        )
+
+    def require_frame(self, frame: RawFrame) -> None:
+        """Refuse a frame of another size or another focus than this calibration was made for."""
+        if (frame.width, frame.height) != (self.frame_width, self.frame_height):
+            raise CalibrationError(
+                f"frame {frame.index} is {frame.width}x{frame.height}, but the calibration of {self.rig!r} is for "
+                f"{self.frame_width}x{self.frame_height}: calibrate this mode, or capture in the calibrated one"
+            )
+        positions = frame.lens_position, self.lens_position
+        if None not in positions and positions[0] != positions[1]:
+            raise CalibrationError(
+                f"frame {frame.index} was taken at lens position {frame.lens_position}, but the calibration of "
+                f"{self.rig!r} is for {self.lens_position}: lock the focus there, or calibrate again"
+            )
+
+
+def _check_numbers(calibration: Calibration) -> None:
+    width = calibration.frame_width
+    for side, camera in (("left", calibration.left), ("right", calibration.right)):
+        lens = camera.lens
+        values = (lens.fx_px, lens.fy_px, lens.cx_px, lens.cy_px, *lens.distortion)
+        if not all(math.isfinite(value) for value in values):
+            raise CalibrationError(f"{side} camera has a number that is not finite: {lens}: calibrate again")
+        if not (0.1 * width < lens.fx_px < 50 * width and 0.5 < lens.fx_px / lens.fy_px < 2):
+            raise CalibrationError(
+                f"{side} camera has focal lengths {lens.fx_px:.1f}, {lens.fy_px:.1f} px on a frame {width} px wide: "
+                "no lens is like that, calibrate again with more and more tilted views"
+            )
+        if not (-width < lens.cx_px < 2 * width and abs(lens.cy_px) < 3 * calibration.frame_height):
+            raise CalibrationError(
+                f"{side} camera has its principal point at {lens.cx_px:.1f}, {lens.cy_px:.1f} px, far outside the "
+                f"frame of {width}x{calibration.frame_height}: calibrate again"
+            )
+
+
+def _check_pose(calibration: Calibration) -> None:
+    right = calibration.right
+    R, t = right.R_camera_from_left, right.t_camera_from_left
+    if not (np.isfinite(R).all() and np.isfinite(t).all()):
+        raise CalibrationError("the pose of the right camera has a number that is not finite: calibrate again")
+    if np.abs(R @ R.T - np.eye(3)).max() > _ORTHOGONAL or np.linalg.det(R) < 0:
+        raise CalibrationError("R_right_from_left is not a rotation: the file was damaged or written by hand")
+    if not calibration.baseline > 0 or right.centre[0] + (R @ right.centre)[0] <= 0:
+        raise CalibrationError(
+            f"the right camera stands at {np.round(right.centre, 3)} of the left one, not to its right: left and "
+            "right are exchanged; give the frames or the layout the other way round"
+        )
+
+
+def _fit_pinhole(rig: Rig, view: FoldedView) -> tuple[Lens, float]:
+    """Fit focal length, k1, k2 and an axial shift to the exact optics of a view, by Gauss and Newton's method."""
+    true = rig.lens()
+    points, pixels = _sample(rig, view, true)
+    k1, k2 = rig.camera.distortion
+    parameters = np.array([1.0, k1, k2, 0.0])
+
+    def lens_of(p: Array) -> Lens:
+        focal_px = float(true.fx_px * p[0])
+        return Lens(focal_px, focal_px, true.cx_px, true.cy_px, (float(p[1]), float(p[2]), 0.0, 0.0, 0.0))
+
+    def projected(p: Array) -> Array:
+        return np.asarray(lens_of(p).project(points - np.array([0.0, 0.0, p[3]]))).ravel()
+
+    steps = np.array([1e-6, 1e-5, 1e-5, 1e-4])
+    for _ in range(_FIT_ROUNDS):
+        here = projected(parameters)
+        columns = [(projected(parameters + step * np.eye(4)[i]) - here) / step for i, step in enumerate(steps)]
+        change = np.linalg.lstsq(np.stack(columns, axis=1), pixels.ravel() - here, rcond=None)[0]
+        parameters = parameters + change
+    return lens_of(parameters), float(parameters[3])
+
+
+def _sample(rig: Rig, view: FoldedView, lens: Lens) -> tuple[Array, Array]:
+    """Return points (N, 3) in the view frame, evenly spread over picture and disparity, and their exact pixels (N, 2)."""
+    video = rig.camera.video
+    x, y, w, h = rig.views[0 if view.side == "left" else 1].rectangle(video.width, video.height)
+    columns, rows = np.meshgrid(np.linspace(x, x + w - 1, _FIT_GRID[0]), np.linspace(y, y + h - 1, _FIT_GRID[1]))
+    pixels = np.stack([columns.ravel(), rows.ravel()], axis=-1)
+    slopes = lens.slopes(pixels)
+    kept = view_fates(rig, view.side, slopes).fate == 0
+    if np.count_nonzero(kept) < 0.1 * kept.size:
+        raise CalibrationError(f"rig {rig.name!r} shows next to nothing: see `prismstereo design` for its limits")
+    origin, direction = view.rays(slopes[kept])
+    inverse = np.linspace(1 / rig.range.near_mm, 1 / min(rig.range.far_mm, 100 * rig.range.near_mm), _FIT_DEPTHS)
+    reach = (1 / inverse)[:, None] / direction[:, 2]
+    points = origin + reach[..., None] * direction
+    return view.view_from_rig(points).reshape(-1, 3), np.tile(pixels[kept], (_FIT_DEPTHS, 1))

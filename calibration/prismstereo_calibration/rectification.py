@@ -1,0 +1,185 @@
+"""Rectification: how both views must be turned, scaled and shifted so that a match lies on the same row, to its left.
+
+Rectified frame: origin in the left pinhole, x along the baseline, z halfway between the two views' middles made square
+to it, y down. Both rectified pictures have the same focal length and the same rows; their principal columns differ by
+the offset of the range window, so that disparity 1 is the far end of the range.
+
+Behind a prism the optical axes of the two views diverge and the principal point sits at each view's inner border. What
+is kept in the picture is therefore the *view*, not the principal point: the columns are chosen so that, over the whole
+range window, most of what both views see has a place in both pictures.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from prismstereo_calibration.camera import Camera
+from prismstereo_calibration.model import Calibration
+from prismstereo_calibration.window import DisparityWindow
+from prismstereo_hw.rig import RangeWish
+from prismstereo_hw.view import View
+
+__all__ = ["Rectification", "RectifiedView", "rectification"]
+
+Array = NDArray[np.float64]
+_DEPTH_SAMPLES = 16
+
+
+@dataclass(frozen=True, slots=True)
+class RectifiedView:
+    """One view's way from rectified to raw: its camera, its turn, its principal column."""
+
+    camera: Camera
+    view: View
+    R_rectified_from_camera: Array
+    cx_px: float
+
+
+@dataclass(frozen=True, slots=True)
+class Rectification:
+    """Everything needed to build rectification maps and to make metric depth of what was matched on them."""
+
+    left: RectifiedView
+    right: RectifiedView
+    focal_px: float
+    cy_px: float
+    width: int
+    height: int
+    frame_width: int
+    frame_height: int
+    window: DisparityWindow
+    unit: str
+
+    def sources(self, side: RectifiedView) -> NDArray[np.float32]:
+        """Return, for every rectified pixel, the pixel (height, width, 2) of the upright cut-out view; NaN outside of it."""
+        columns, rows = np.meshgrid(np.arange(self.width, dtype=float), np.arange(self.height, dtype=float))
+        slopes = np.stack([(columns - side.cx_px) / self.focal_px, (rows - self.cy_px) / self.focal_px], axis=-1)
+        direction = np.concatenate([slopes, np.ones_like(slopes[..., :1])], axis=-1) @ side.R_rectified_from_camera
+        ahead = direction[..., 2] > 0.05
+        pinhole = direction[..., :2] / np.where(ahead, direction[..., 2], 1.0)[..., None]
+        lens = side.camera.lens
+        x, y, _, _ = side.view.rectangle(self.frame_width, self.frame_height)
+        w, h = side.view.upright_size(self.frame_width, self.frame_height)
+        pixels = lens.project_slopes(pinhole) - np.array([x, y])
+        inside = (
+            ahead
+            & _one_to_one(lens.distortion, pinhole)
+            & np.all((pixels >= 0) & (pixels <= np.array([w - 1, h - 1])), axis=-1)
+        )
+        return np.where(inside[..., None], pixels, np.nan).astype(np.float32)
+
+    def rectify(self, pixels: Array, side: RectifiedView) -> Array:
+        """Take upright pixels (..., 2) of a view to rectified pixels (..., 2) of the same view."""
+        slopes = side.camera.lens.slopes(pixels)
+        direction = np.concatenate([slopes, np.ones_like(slopes[..., :1])], axis=-1) @ side.R_rectified_from_camera.T
+        flat = direction[..., :2] / direction[..., 2:]
+        return np.asarray(self.focal_px * flat + np.array([side.cx_px, self.cy_px]))
+
+    def points(self, depth: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Take a depth map (height, width) to points (height, width, 3) of the rectified frame, in its unit."""
+        columns, rows = np.meshgrid(np.arange(self.width), np.arange(self.height))
+        x = (columns - self.left.cx_px) / self.focal_px * depth
+        y = (rows - self.cy_px) / self.focal_px * depth
+        return np.stack([x, y, depth], axis=-1).astype(np.float32)
+
+
+def _one_to_one(distortion: tuple[float, ...], slopes: Array) -> NDArray[np.bool_]:
+    """Tell where a radial polynomial still rises; beyond, it folds the far field back into the picture."""
+    k1, k2, _, _, k3 = distortion
+    s = np.sum(slopes**2, axis=-1)
+    rising = 1 + s * (3 * k1 + s * (5 * k2 + s * 7 * k3)) > 0
+    return np.asarray(rising & (s <= _first_fold(k1, k2, k3)))
+
+
+def _first_fold(k1: float, k2: float, k3: float) -> float:
+    roots = np.roots([7 * k3, 5 * k2, 3 * k1, 1.0]) if k1 or k2 or k3 else np.zeros(0)
+    real = [float(root.real) for root in roots if abs(root.imag) < 1e-12 and root.real > 0]
+    return min(real, default=np.inf)
+
+
+def rectification(calibration: Calibration, wish: RangeWish | None = None, labels: int | None = None) -> Rectification:
+    """Derive the rectification of a calibration for a wished range (default: the calibration's own, with its labels).
+
+    With a wish but no `labels`, the search is as long as the range needs; `UsageError` when it cannot be had.
+    """
+    left, right = calibration.left, calibration.right
+    turn = _turn(calibration)
+    focal_px = float(np.mean([left.lens.fx_px, left.lens.fy_px, right.lens.fx_px, right.lens.fy_px]))
+    scale = focal_px * calibration.baseline
+    asked = calibration.range if wish is None else wish
+    window = DisparityWindow.between(scale, asked.near_mm, asked.far_mm, asked.labels if wish is None else labels)
+    views = (
+        (left, calibration.left_view, turn),
+        (right, calibration.right_view, turn @ right.R_camera_from_left.T),
+    )
+    spans = [_span(camera, view, R, focal_px, calibration) for camera, view, R in views]
+    sizes = [view.upright_size(calibration.frame_width, calibration.frame_height) for view in calibration.views]
+    width, height = max(size[0] for size in sizes), max(size[1] for size in sizes)
+    first = _first_column(spans[0][:2], spans[1][:2], width, window)
+    cx = (-first, -first + window.offset_px)
+    rectified = [RectifiedView(camera, view, R, c) for (camera, view, R), c in zip(views, cx, strict=True)]
+    return Rectification(
+        left=rectified[0],
+        right=rectified[1],
+        focal_px=focal_px,
+        cy_px=(height - 1) / 2 - (spans[0][2] + spans[1][2]) / 2,
+        width=width,
+        height=height,
+        frame_width=calibration.frame_width,
+        frame_height=calibration.frame_height,
+        window=window,
+        unit=calibration.unit,
+    )
+
+
+def _middle_slopes(camera: Camera, view: View, calibration: Calibration) -> Array:
+    """Return the slopes (3, 2) of the middles of a view's left border, of the view, and of its right border."""
+    x, y, _, _ = view.rectangle(calibration.frame_width, calibration.frame_height)
+    w, h = view.upright_size(calibration.frame_width, calibration.frame_height)
+    middle = y + (h - 1) / 2
+    return camera.lens.slopes(np.array([[x, middle], [x + (w - 1) / 2, middle], [x + w - 1, middle]], float))
+
+
+def _turn(calibration: Calibration) -> Array:
+    """Return R_rectified_from_left: rows are the rectified axes in the left camera's frame."""
+    x = calibration.right.centre / calibration.baseline
+    ahead = np.zeros(3)
+    for camera, view in zip((calibration.left, calibration.right), calibration.views, strict=True):
+        a, b = _middle_slopes(camera, view, calibration)[1]
+        direction = camera.R_camera_from_left.T @ np.array([a, b, 1.0])
+        ahead += direction / np.linalg.norm(direction)
+    z = ahead - x * (ahead @ x)
+    z /= np.linalg.norm(z)
+    return np.stack([x, np.cross(z, x), z])
+
+
+def _span(
+    camera: Camera, view: View, R: Array, focal_px: float, calibration: Calibration
+) -> tuple[float, float, float]:
+    """Return where a view's left and right border lie in rectified columns from the z axis, and its middle row."""
+    slopes = _middle_slopes(camera, view, calibration)
+    direction = np.column_stack([slopes, np.ones(3)]) @ R.T
+    flat = focal_px * direction[:, :2] / direction[:, 2:]
+    return float(flat[0, 0]), float(flat[2, 0]), float(flat[1, 1])
+
+
+def _first_column(left: tuple[float, float], right: tuple[float, float], width: int, window: DisparityWindow) -> float:
+    """Choose the left picture's first column, from the z axis, so that most of the range window has a match in both.
+
+    A point of parallax D lies at x in the left view and x - D in the right one; with the window's offset the right
+    picture begins `offset` columns before the left one. Counted: columns x that lie in both views and both pictures.
+    """
+    parallax = np.linspace(1, window.labels - 2, _DEPTH_SAMPLES) + window.offset_px
+    centred = (left[0] + left[1] + right[0] + right[1]) / 4 - width / 2
+    candidates = centred + np.arange(-width, width + 1)
+    begin, shift = candidates[:, None], -window.offset_px
+    low = np.maximum.reduce(np.broadcast_arrays(begin, left[0], right[0] + parallax, begin + shift + parallax))
+    high = np.minimum.reduce(
+        np.broadcast_arrays(begin + width, left[1], right[1] + parallax, begin + shift + width + parallax)
+    )
+    common = np.maximum(high - low, 0).sum(axis=1)
+    best = np.flatnonzero(common >= common.max() - 1e-9)
+    return float(candidates[best[np.argmin(np.abs(candidates[best] - centred))]])

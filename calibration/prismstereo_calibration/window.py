@@ -1,0 +1,77 @@
+"""The range window: which depths the searched disparities 0 .. labels - 1 stand for.
+
+depth = F / (disparity + offset), F = focal_px * baseline. The far end lies at disparity 1 and the near end one pixel
+below the last label (0 stays free for *unmatched* and noise at the far end is not clipped), so of near end, far end and
+number of labels any two give the third.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from prismstereo_hw.errors import UsageError
+
+__all__ = ["DisparityWindow"]
+
+_LABEL_STEP = 16  # what every matcher here counts in
+_MOST_LABELS = 1024
+
+
+@dataclass(frozen=True, slots=True)
+class DisparityWindow:
+    """Number of labels, and the offset that makes depth of disparity; lengths in the calibration's unit.
+
+    `scale_px` is F = focal_px * baseline; 0 where the pair is not metric (two rectified pictures from anywhere).
+    """
+
+    labels: int
+    offset_px: float = 0.0
+    scale_px: float = 0.0
+
+    @classmethod
+    def between(cls, scale_px: float, near: float, far: float, labels: int | None = None) -> DisparityWindow:
+        """Make the window from `near` to `far` (may be inf); given `labels` it reaches at least as near, or refuses."""
+        if not 0 < near < far:
+            raise UsageError(f"range {near:g}:{far:g} is empty: give near < far, both positive (far may be inf)")
+        offset = (scale_px / far if math.isfinite(far) else 0.0) - 1.0
+        needed = math.ceil(scale_px / near - offset - 1e-9) + 2
+        rounded = -(-needed // _LABEL_STEP) * _LABEL_STEP
+        if labels is None:
+            labels = rounded
+        if needed > labels or labels > _MOST_LABELS:
+            limit = min(labels, _MOST_LABELS)
+            nearest = scale_px / (limit - 2 + offset)
+            raise UsageError(
+                f"range {near:g}:{far:g} needs {rounded} disparity labels, but {limit} are allowed: "
+                f"begin at {nearest:.0f}, or search more labels"
+            )
+        return cls(labels=labels, offset_px=offset, scale_px=scale_px)
+
+    @property
+    def nearest(self) -> float:
+        """Depth one pixel below the last label; NaN where the pair is not metric."""
+        return self._at(self.labels - 2)
+
+    @property
+    def farthest(self) -> float:
+        """Depth at disparity 1, inf for a window that reaches to infinity; NaN where the pair is not metric."""
+        return self._at(1.0)
+
+    def _at(self, disparity_px: float) -> float:
+        if self.scale_px <= 0:
+            return math.nan
+        total = disparity_px + self.offset_px
+        return self.scale_px / total if total > 1e-9 else math.inf
+
+    def depth(self, disparity_px: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Turn disparities of any shape into depths along the rectified z axis; NaN stays NaN, beyond infinity is inf."""
+        if self.scale_px <= 0:
+            raise UsageError("this pair has no focal length and baseline, so it has no depth: give a calibration")
+        total = np.asarray(disparity_px, np.float64) + self.offset_px
+        with np.errstate(divide="ignore"):
+            depth = np.where(total > 0, self.scale_px / np.where(total > 0, total, 1.0), np.inf)
+        return np.where(np.isnan(total), np.nan, depth).astype(np.float32)

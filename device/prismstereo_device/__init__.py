@@ -1,0 +1,1 @@
+"""What RUNS on the camera: sensors, split, rectify, match, codec, protocol, links, service. Start at `pipeline`."""

@@ -1,0 +1,54 @@
+"""The disparity map: what the matcher finds and the wire carries.
+
+disparity = x_left - x_right >= 0 in rectified pixels of the left view; NaN where unmatched. Unmatched stays unmatched:
+filling is a separate stage with its own mask.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from prismstereo_calibration.window import DisparityWindow
+
+__all__ = ["FRACTION", "DisparityMap"]
+
+FRACTION = 16  # fixed-point steps per pixel inside matchers and on the wire
+
+
+@dataclass(frozen=True, slots=True)
+class DisparityMap:
+    """Disparity of the left view, (height, width) float32 pixels, NaN where unmatched, and the window it was sought in."""
+
+    disparity_px: NDArray[np.float32]
+    window: DisparityWindow
+
+    @property
+    def valid(self) -> NDArray[np.bool_]:
+        """Where there is a match, (height, width)."""
+        return ~np.isnan(self.disparity_px)
+
+    @property
+    def density(self) -> float:
+        """Share of matched pixels, 0..1."""
+        return float(np.count_nonzero(self.valid)) / self.disparity_px.size
+
+    def depth(self) -> NDArray[np.float32]:
+        """Depth along the rectified z axis in the calibration's unit (mm), NaN where unmatched."""
+        return self.window.depth(self.disparity_px)
+
+    def fixed_point(self) -> NDArray[np.uint16]:
+        """Disparity in sixteenths of a pixel, 0 where unmatched: the form on the wire and in PNG files.
+
+        A match at less than half a sixteenth would read as unmatched, so it is rounded up to one sixteenth.
+        """
+        steps = np.rint(np.nan_to_num(self.disparity_px, nan=0.0) * FRACTION)
+        return np.where(self.valid, np.clip(steps, 1, 65535), 0).astype(np.uint16)
+
+    @classmethod
+    def from_fixed_point(cls, steps: NDArray[np.uint16], window: DisparityWindow) -> DisparityMap:
+        """Make the map of sixteenths (height, width) uint16, 0 = unmatched."""
+        pixels = steps.astype(np.float32) / np.float32(FRACTION)
+        return cls(np.where(steps == 0, np.float32(np.nan), pixels), window)

@@ -1,0 +1,20 @@
+"""Matchers by name: each finds a disparity map for a rectified pair."""
+
+from __future__ import annotations
+
+from prismstereo_device.match.base import Matcher
+from prismstereo_hw.errors import UsageError
+
+__all__ = ["DEFAULT", "MATCHERS", "Matcher", "create"]
+
+MATCHERS = {"sgbm": "OpenCV's semi-global matcher, three-way form, checked from the right view as well"}
+DEFAULT = "sgbm"
+
+
+def create(name: str = DEFAULT) -> Matcher:
+    """Make a matcher by name; `UsageError` lists the names there are."""
+    if name == "sgbm":
+        from prismstereo_device.match.opencv import SgbmMatcher
+
+        return SgbmMatcher()
+    raise UsageError(f"there is no matcher {name!r}: choose one of {', '.join(MATCHERS)}")

@@ -1,0 +1,1 @@
+"""What the instrument IS: rig, optics, scenes, the optical twin, session folders. Start at `rig`."""

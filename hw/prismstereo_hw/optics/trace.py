@@ -1,0 +1,131 @@
+"""Rays through an ordered list of plane surfaces with finite apertures: where they come out, or why they do not.
+
+The oracle of `unfold`, and the only judge of what a pixel really sees: a ray can miss a surface, or fail to be totally
+reflected where that was counted on.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from prismstereo_hw.optics.unfold import mirror_plane
+from prismstereo_hw.rig import Rig
+from prismstereo_hw.view import Side
+
+__all__ = ["Surface", "Traced", "surfaces", "trace", "view_fates"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Surface:
+    """A rectangle in the rig frame that refracts, reflects, or reflects totally.
+
+    `along` and `across` are unit vectors in the plane (3,); the rectangle reaches `half_along_mm` and `half_across_mm`
+    from `centre_mm`. Indices are those before and after a refracting surface, and inside a totally reflecting one.
+    """
+
+    name: str
+    action: Literal["refract", "reflect", "total"]
+    centre_mm: Array
+    along: Array
+    across: Array
+    half_along_mm: float
+    half_across_mm: float
+    index_before: float = 1.0
+    index_after: float = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Traced:
+    """Outgoing rays, and for each the reason why there is none.
+
+    `point_mm` and `direction` are (..., 3) in the rig frame; `fate` (...) is 0 for a ray that came through, else the
+    index into `fates`.
+    """
+
+    point_mm: Array
+    direction: Array
+    fate: NDArray[np.uint8]
+    fates: tuple[str, ...]
+
+
+def surfaces(rig: Rig, side: Side) -> tuple[Surface, ...]:
+    """Return what a viewpoint's rays meet on their way out: base, reflecting face, exit face, mirror."""
+    prism, mirrors = rig.prism, rig.mirrors
+    s = -1.0 if side == "left" else 1.0  # side of the mirror; the reflecting face is the other one
+    y = np.array([0.0, 1.0, 0.0])
+    n, half_length = prism.index, prism.length_mm / 2
+    base = Surface(
+        "prism base", "refract", np.array([0.0, 0.0, prism.pupil_to_prism_mm]), np.array([1.0, 0.0, 0.0]), y,
+        prism.side_mm / 2, half_length, 1.0, n,
+    )  # fmt: skip
+
+    def face(outward: float, name: str, action: Literal["refract", "total"], after: float) -> Surface:
+        middle = np.array([outward * prism.side_mm / 4, 0.0, prism.pupil_to_prism_mm + prism.height_mm / 2])
+        along = np.array([-outward * 0.5, 0.0, np.sqrt(3) / 2])
+        return Surface(name, action, middle, along, y, prism.side_mm / 2, half_length, n, after)
+
+    plane = mirror_plane(rig, side)
+    mu = np.radians(mirrors.angle_deg)
+    along = np.array([s * np.cos(mu), 0.0, np.sin(mu)])
+    mirror = Surface(
+        f"{side} mirror", "reflect", plane.point_mm + along * mirrors.length_mm / 2, along,
+        np.cross(plane.normal, along), mirrors.length_mm / 2, mirrors.height_mm / 2,
+    )  # fmt: skip
+    return (base, face(-s, "reflecting face", "total", n), face(s, "exit face", "refract", 1.0), mirror)
+
+
+def _refract(direction: Array, normal: Array, ratio: float) -> tuple[Array, NDArray[np.bool_]]:
+    cos_in = np.sum(direction * normal, axis=-1, keepdims=True)
+    normal = np.where(cos_in < 0, -normal, normal)
+    cos_in = np.abs(cos_in)
+    inside = 1 - ratio**2 * (1 - cos_in**2)
+    bent = ratio * direction + (np.sqrt(np.maximum(inside, 0)) - ratio * cos_in) * normal
+    return bent, inside[..., 0] >= 0
+
+
+def trace(surfaces: tuple[Surface, ...], point_mm: Array, direction: Array) -> Traced:
+    """Send rays, points and unit directions (..., 3), through the surfaces in order.
+
+    Rays that fail go on as if nothing had happened, so every output is finite or NaN but never refused; look at `fate`.
+    """
+    fates = ["comes through"]
+    fate = np.zeros(direction.shape[:-1], np.uint8)
+    point = np.broadcast_to(point_mm, direction.shape)
+
+    def fail(where: NDArray[np.bool_], why: str) -> None:
+        fates.append(why)
+        fate[where & (fate == 0)] = len(fates) - 1
+
+    for surface in surfaces:
+        normal = np.cross(surface.along, surface.across)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            distance = ((surface.centre_mm - point) @ normal) / (direction @ normal)
+            point = point + distance[..., None] * direction
+        offset = point - surface.centre_mm
+        inside = (np.abs(offset @ surface.along) <= surface.half_along_mm) & (
+            np.abs(offset @ surface.across) <= surface.half_across_mm
+        )
+        fail(~(inside & (distance > 0)), f"misses the {surface.name}")
+        if surface.action == "refract":
+            direction, passes = _refract(direction, normal, surface.index_before / surface.index_after)
+            fail(~passes, f"cannot leave through the {surface.name}")
+        else:
+            cos_in = direction @ normal
+            if surface.action == "total":
+                leaks = surface.index_before**2 * (1 - cos_in**2) < 1
+                fail(leaks, f"is not totally reflected at the {surface.name}")
+            direction = direction - 2 * cos_in[..., None] * normal
+    return Traced(point, direction, fate, tuple(fates))
+
+
+def view_fates(rig: Rig, side: Side, slopes: Array) -> Traced:
+    """Trace the real lens' ideal slopes (..., 2) through one view of a rig, from the entrance pupil."""
+    direction = np.concatenate([slopes, np.ones_like(slopes[..., :1])], axis=-1)
+    direction /= np.linalg.norm(direction, axis=-1, keepdims=True)
+    return trace(surfaces(rig, side), np.zeros(3), direction)
