@@ -14,6 +14,9 @@ from prismstereo_device.split import StereoPair
 
 __all__ = ["RectifiedPair", "Rectifier"]
 
+_NOWHERE = -16.0  # a source pixel far enough outside to be black
+_RIM = 7  # a matching window at the rim of a view would reach over what is not there: half of it is not seen
+
 
 @dataclass(frozen=True, slots=True)
 class RectifiedPair:
@@ -31,21 +34,24 @@ class RectifiedPair:
 
 @dataclass(frozen=True, slots=True)
 class _Maps:
-    """Fixed-point remap tables of one view, and its mask."""
+    """Remap tables of one view, (height, width) float32 columns and rows, and its mask.
 
-    whole: NDArray[np.int16]
-    part: NDArray[np.uint16]
+    Floating-point tables: exact, and with OpenCV 5 quicker than its fixed-point ones.
+    """
+
+    columns: NDArray[np.float32]
+    rows: NDArray[np.float32]
     seen: NDArray[np.bool_]
 
     @classmethod
     def of(cls, sources: NDArray[np.float32]) -> _Maps:
-        seen = np.isfinite(sources[..., 0])
-        filled = np.nan_to_num(sources, nan=-16.0)
-        whole, part = cv2.convertMaps(filled[..., 0], filled[..., 1], cv2.CV_16SC2)
-        return cls(np.asarray(whole, np.int16), np.asarray(part, np.uint16), seen)
+        shown = np.isfinite(sources[..., 0]).astype(np.uint8)
+        seen = cv2.erode(shown, np.ones((_RIM, _RIM), np.uint8), borderValue=1).astype(bool)
+        filled = np.nan_to_num(sources, nan=_NOWHERE)
+        return cls(np.ascontiguousarray(filled[..., 0]), np.ascontiguousarray(filled[..., 1]), seen)
 
     def apply(self, pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        return np.asarray(cv2.remap(pixels, self.whole, self.part, cv2.INTER_LINEAR), np.uint8)
+        return np.asarray(cv2.remap(pixels, self.columns, self.rows, cv2.INTER_LINEAR), np.uint8)
 
 
 class Rectifier:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from prismstereo_hw.errors import DataError, UsageError
 from prismstereo_hw.files import read_depth_png, write_whole
 
-__all__ = ["FORMATS", "decode", "encode", "read", "read_disparity", "write", "write_disparity"]
+__all__ = ["FORMATS", "decode", "encode", "read", "read_disparity", "require_format", "write", "write_disparity"]
 
 FORMATS = (".pfm", ".png", ".npy")
 _HEADER = re.compile(
@@ -68,8 +68,15 @@ def read(path: str | Path) -> NDArray[np.float32]:
     return decode(content, str(path))
 
 
+def require_format(path: str | Path) -> None:
+    """Refuse a name whose ending is no disparity format, before any work is done for it."""
+    if Path(path).suffix.lower() not in FORMATS:
+        raise UsageError(f"cannot write {path}: a disparity file ends in {', '.join(FORMATS)}")
+
+
 def write_disparity(path: str | Path, disparity_px: NDArray[np.float32]) -> None:
     """Write a disparity map (height, width), NaN where unmatched, in the format the name's ending says."""
+    require_format(path)
     suffix = Path(path).suffix.lower()
     if suffix == ".pfm":
         write(path, disparity_px)
@@ -77,12 +84,10 @@ def write_disparity(path: str | Path, disparity_px: NDArray[np.float32]) -> None
         steps = np.clip(np.rint(np.nan_to_num(disparity_px, nan=0.0) * _PNG_STEPS), 1, 65535)
         content = cv2.imencode(".png", np.where(np.isnan(disparity_px), 0, steps).astype(np.uint16))[1]
         write_whole(path, content.tobytes())
-    elif suffix == ".npy":
+    else:
         buffer = io.BytesIO()
         np.save(buffer, disparity_px.astype(np.float32), allow_pickle=False)
         write_whole(path, buffer.getvalue())
-    else:
-        raise UsageError(f"cannot write {path}: a disparity file ends in {', '.join(FORMATS)}")
 
 
 def read_disparity(path: str | Path) -> NDArray[np.float32]:

@@ -27,7 +27,8 @@ class SgbmMatcher(Matcher):
 
     OpenCV leaves the first `labels` columns unmatched, which on half a frame is a large part of the picture: both
     pictures are widened by that much, and matches that fall outside are dropped. The second run, from the right view, is
-    a true consistency check; what the two disagree on is not matched. Sub-pixel values come from `subpixel`: SGBM's own lock to whole pixels.
+    a true consistency check; what the two disagree on is not matched. Sub-pixel values come from `subpixel`: SGBM's own
+    lock to whole pixels.
     """
 
     def disparity(self, left: NDArray[np.uint8], right: NDArray[np.uint8], labels: int) -> NDArray[np.float32]:

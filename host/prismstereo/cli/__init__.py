@@ -1,0 +1,83 @@
+"""The command line `prismstereo`: verbs are loaded when they are called, errors become exit codes here and nowhere else.
+
+Results go to stdout, progress and complaints to stderr. Exit codes: 0 ok, 1 measured but failed, 2 usage, 3 device, 4 data.
+"""
+
+from __future__ import annotations
+
+import logging
+import sys
+from importlib import import_module
+
+import click
+
+from prismstereo_hw.errors import PrismStereoError
+
+__all__ = ["VERBS", "cli", "main"]
+
+VERBS = {
+    "demo": "The main job with no hardware: simulated sensor, real firmware, depth picture, point cloud.",
+    "design": "What the optics of a rig give: baseline, fields, overlap, depth steps.",
+    "simulate": "Make a session with the optical twin: raw frames, board views, truth.",
+    "calibrate": "Solve the calibration of a unit from views of a board, and judge it.",
+    "depth": "Raw frames to disparity, depth, point cloud and picture.",
+    "match": "One rectified pair to a disparity map.",
+    "devices": "List serial ports, or ask one who it is.",
+    "doctor": "Check this installation.",
+}
+
+
+class _LazyGroup(click.Group):
+    """Knows every verb by name and one line; imports its module only when it is called."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        del ctx
+        return list(VERBS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        del ctx
+        if cmd_name not in VERBS:
+            return None
+        command = import_module(f"prismstereo.cli.{cmd_name}").command
+        assert isinstance(command, click.Command)
+        return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        del ctx
+        with formatter.section("Verbs"):
+            formatter.write_dl(list(VERBS.items()))
+
+
+@click.group(cls=_LazyGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+@click.version_option(package_name="prismstereo")
+@click.option("-v", "--verbose", count=True, help="Say more on stderr; twice for everything.")
+def cli(verbose: int) -> None:
+    r"""Single-camera stereo depth: one lens, one prism, two mirrors.
+
+    \b
+    Begin with:
+      prismstereo demo                        the whole way with a simulated sensor
+      prismstereo design oak-1                what a rig gives
+      prismstereo calibrate VIEWS... --help   measure a built unit
+    """
+    level = (logging.WARNING, logging.INFO, logging.DEBUG)[min(verbose, 2)]
+    logging.basicConfig(level=level, stream=sys.stderr, format="%(levelname)s %(name)s: %(message)s")
+
+
+def main() -> None:
+    """Run the command line; every complaint of ours is one line and an exit code."""
+    try:
+        code = cli.main(standalone_mode=False)
+    except PrismStereoError as error:
+        click.echo(f"error: {error}", err=True)
+        sys.exit(error.exit_code)
+    except click.ClickException as error:
+        error.show()
+        sys.exit(error.exit_code)
+    except (click.Abort, KeyboardInterrupt):
+        click.echo("stopped", err=True)
+        sys.exit(130)
+    except BrokenPipeError:  # the reader of our output has seen enough
+        sys.stderr.close()
+        sys.exit(0)
+    sys.exit(code if isinstance(code, int) else 0)

@@ -1,0 +1,74 @@
+"""Raw frames from picture files: one file a frame, or two files side by side for two cameras."""
+
+from __future__ import annotations
+
+import glob
+import re
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from prismstereo_hw.errors import ImageError, UsageError
+from prismstereo_hw.files import read_picture
+from prismstereo_hw.frame import RawFrame
+
+__all__ = ["expand", "named_frames", "paired_frames", "pairs"]
+
+_SUFFIXES = {".png", ".jpg", ".jpeg", ".pgm", ".tif", ".tiff", ".bmp"}
+
+
+def expand(patterns: Sequence[str | Path]) -> list[Path]:
+    """Expand files, folders and patterns into picture files, in order; `UsageError` for what matches nothing."""
+    files: list[Path] = []
+    for pattern in patterns:
+        path = Path(pattern)
+        if path.is_dir():
+            found = sorted(file for file in path.iterdir() if file.suffix.lower() in _SUFFIXES)
+        elif path.exists():
+            found = [path]
+        else:
+            found = sorted(Path(name) for name in glob.glob(str(pattern)))
+        if not found:
+            raise UsageError(f"no picture matches {str(pattern)!r}: give files, a folder, or a quoted pattern")
+        files += found
+    return files
+
+
+def named_frames(patterns: Sequence[str | Path]) -> Iterator[tuple[str, RawFrame]]:
+    """Read raw frames one at a time, with the name of each: its file's, without the ending."""
+    files = expand(patterns)
+    return ((file.stem, RawFrame(read_picture(file), index)) for index, file in enumerate(files))
+
+
+def pairs(left: str, right: str) -> list[tuple[Path, Path]]:
+    """Pair the files of two patterns by the last number in their names; `UsageError` names what has no partner."""
+    sides = [{_number(path): path for path in expand([pattern])} for pattern in (left, right)]
+    alone = sorted(path.name for number in sides[0].keys() ^ sides[1].keys() for path in _of(sides, number))
+    if alone:
+        raise UsageError(f"without a partner of the same number: {', '.join(alone)}; take them out, or name them alike")
+    return [(sides[0][number], sides[1][number]) for number in sorted(sides[0])]
+
+
+def _of(sides: list[dict[int, Path]], number: int) -> list[Path]:
+    return [side[number] for side in sides if number in side]
+
+
+def _number(path: Path) -> int:
+    digits = re.findall(r"\d+", path.stem)
+    if not digits:
+        raise UsageError(f"{path} has no number in its name to pair it by: name pictures like left01.jpg, right01.jpg")
+    return int(digits[-1])
+
+
+def paired_frames(left: str, right: str) -> Iterator[tuple[str, RawFrame]]:
+    """Read the pictures of two cameras as raw frames side by side, left one left."""
+    files = pairs(left, right)
+    return ((one.stem, _side_by_side(one, other, index)) for index, (one, other) in enumerate(files))
+
+
+def _side_by_side(left: Path, right: Path, index: int) -> RawFrame:
+    pictures = read_picture(left), read_picture(right)
+    if pictures[0].shape != pictures[1].shape:
+        raise ImageError(f"{left} is {pictures[0].shape} and {right} {pictures[1].shape}: both cameras have one size")
+    return RawFrame(np.hstack(pictures), index)

@@ -1,0 +1,85 @@
+"""The host's half of hello: offer until the device accepts, refuses, or the time is over."""
+
+from __future__ import annotations
+
+import secrets
+import time
+from dataclasses import dataclass
+
+from prismstereo_device.framing import Deframer, Framer, Packet
+from prismstereo_device.link import Link, LinkLost
+from prismstereo_device.protocol import Hello, HelloKind, HelloReply, read_hello
+from prismstereo_device.wire import VERSION_MAX, VERSION_MIN, Channel, WireError
+from prismstereo_hw.errors import DeviceError
+
+__all__ = ["Meeting", "meet"]
+
+_OFFER_EVERY_S = 0.25
+_POLL_S = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class Meeting:
+    """A session that has begun: what the device said, and what already followed its answer.
+
+    `framer` numbers the host's packets, `deframer` reads the device's.
+    """
+
+    reply: HelloReply
+    framer: Framer
+    deframer: Deframer
+    early: tuple[Packet, ...]
+
+
+def meet(link: Link, timeout_s: float) -> Meeting:
+    """Begin a new session on an open link.
+
+    Raises LinkLost when nothing answers in time, DeviceError when the device speaks no version of the protocol that this
+    host speaks.
+    """
+    nonce = secrets.randbelow(0xFFFF_FFFF) + 1
+    framer, deframer = Framer(nonce), Deframer(nonce)
+    offer = Hello(nonce).pack()
+    deadline = time.monotonic() + timeout_s
+    offer_at = 0.0
+    while (now := time.monotonic()) < deadline:
+        if now >= offer_at:
+            offer_at = now + _OFFER_EVERY_S
+            # The 0x00 ahead ends whatever an earlier host left half sent.
+            link.write(b"\0" + framer.encode(Channel.HELLO, offer))
+        packets = deframer.feed(link.read(_POLL_S))
+        for position, packet in enumerate(packets):
+            reply = _answer(packet, nonce, link.name)
+            if reply is not None:
+                return Meeting(reply, framer, deframer, tuple(packets[position + 1 :]))
+    heard = deframer.statistics.received_bytes
+    raise LinkLost(
+        f"nothing on {link.name} answered a hello within {timeout_s:g} s ({heard} bytes heard): "
+        "check that a sensor is there, that its service runs, and the baud rate"
+    )
+
+
+def _answer(packet: Packet, nonce: int, name: str) -> HelloReply | None:
+    """Give the device's acceptance of this very offer, None for any other packet; raises DeviceError on a refusal."""
+    if packet.channel != Channel.HELLO:
+        return None
+    try:
+        said = read_hello(packet.payload)
+    except WireError:
+        return None
+    if said.nonce != nonce:
+        return None
+    if isinstance(said, HelloReply):
+        if VERSION_MIN <= said.version <= VERSION_MAX:
+            return said
+        raise _other_version(name, said.version, said.version)
+    if said.kind is HelloKind.REFUSE:
+        raise _other_version(name, said.version_min, said.version_max)
+    return None  # our own offer, echoed
+
+
+def _other_version(name: str, lowest: int, highest: int) -> DeviceError:
+    return DeviceError(
+        f"the sensor on {name} speaks protocol versions {lowest} to {highest}, "
+        f"this program {VERSION_MIN} to {VERSION_MAX}: update the older of the two"
+    )
