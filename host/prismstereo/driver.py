@@ -19,7 +19,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
 from prismstereo.inbox import Inbox
-from prismstereo.meeting import meet
+from prismstereo.meeting import CameraIdentity, meet
 from prismstereo.reading import ObjectReader
 from prismstereo_device.framing import LineStatistics, Packet
 from prismstereo_device.link import Link, LinkLost, open_link
@@ -48,17 +48,6 @@ _BEAT_S = 0.1
 _PING_EVERY_S = 1.0
 _FIRST_PINGS = 8
 _WRITE_S = 0.5
-
-
-@dataclass(frozen=True, slots=True)
-class CameraIdentity:
-    """Who answered: 8 bytes for life, a number drawn at its start, its calibration's hash (zeros: none), the session."""
-
-    device_id: bytes
-    boot_id: int
-    calibration_hash: bytes
-    mtu: int
-    version: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,8 +90,7 @@ class StereoCamera:
         self._link = link
         self._silence_s = silence_s
         meeting = meet(link, timeout_s)
-        reply = meeting.reply
-        self.identity = CameraIdentity(reply.device_id, reply.boot_id, reply.calibration_hash, reply.mtu, reply.version)
+        self.identity = meeting.identity
         self._framer, self._deframer = meeting.framer, meeting.deframer
         self._assembler = FrameAssembler()
         self._inbox = Inbox(queue_frames, keep_all=keep_all)

@@ -12,20 +12,35 @@ from prismstereo_device.protocol import Hello, HelloKind, HelloReply, read_hello
 from prismstereo_device.wire import VERSION_MAX, VERSION_MIN, Channel, WireError
 from prismstereo_hw.errors import DeviceError
 
-__all__ = ["Meeting", "meet"]
+__all__ = ["CameraIdentity", "Meeting", "meet"]
 
 _OFFER_EVERY_S = 0.25
 _POLL_S = 0.05
 
 
 @dataclass(frozen=True, slots=True)
+class CameraIdentity:
+    """Who answered, and in which terms.
+
+    `device_id` has 8 bytes and is for life, `boot_id` is drawn at each start, `calibration_hash` is zeros where the
+    camera has no calibration; `mtu` is its largest payload in bytes, `version` the session's protocol.
+    """
+
+    device_id: bytes
+    boot_id: int
+    calibration_hash: bytes
+    mtu: int
+    version: int
+
+
+@dataclass(frozen=True, slots=True)
 class Meeting:
-    """A session that has begun: what the device said, and what already followed its answer.
+    """A session that has begun: who answered, and what already followed the answer.
 
     `framer` numbers the host's packets, `deframer` reads the device's.
     """
 
-    reply: HelloReply
+    identity: CameraIdentity
     framer: Framer
     deframer: Deframer
     early: tuple[Packet, ...]
@@ -51,12 +66,16 @@ def meet(link: Link, timeout_s: float) -> Meeting:
         for position, packet in enumerate(packets):
             reply = _answer(packet, nonce, link.name)
             if reply is not None:
-                return Meeting(reply, framer, deframer, tuple(packets[position + 1 :]))
+                return Meeting(_identity(reply), framer, deframer, tuple(packets[position + 1 :]))
     heard = deframer.statistics.received_bytes
     raise LinkLost(
         f"nothing on {link.name} answered a hello within {timeout_s:g} s ({heard} bytes heard): "
         "check that a sensor is there, that its service runs, and the baud rate"
     )
+
+
+def _identity(reply: HelloReply) -> CameraIdentity:
+    return CameraIdentity(reply.device_id, reply.boot_id, reply.calibration_hash, reply.mtu, reply.version)
 
 
 def _answer(packet: Packet, nonce: int, name: str) -> HelloReply | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,6 +13,7 @@ from prismstereo.cli.output import RANGE_HELP, json_option, parse_range, say, wi
 from prismstereo_hw.errors import UsageError
 
 if TYPE_CHECKING:
+    from prismstereo_calibration.model import Calibration
     from prismstereo_device.pipeline import Pipeline
     from prismstereo_hw.frame import RawFrame
 
@@ -38,93 +40,92 @@ def command(
 
     Each frame gives NAME_disparity.pfm, NAME_depth.pfm, NAME_depth.png (the picture) and NAME.ply.
     """
-    from prismstereo_calibration.store import read
+    from prismstereo.depth import depth_of
     from prismstereo_device.match import create
     from prismstereo_device.pipeline import Pipeline
 
-    frames, own_calibration = _inputs(raw, left, right)
-    path = calibration or own_calibration
-    if path is None:
-        raise UsageError("depth needs to know the unit: give its calibration with --calibration FILE")
+    inputs = _inputs(raw, left, right)
     wish = parse_range(range_mm, labels or 128)
     if labels is not None and wish is None:
         raise UsageError("--max-disparity goes with --range-mm: the two decide the depths together")
-    pipeline = Pipeline(read(path), create(matcher), wish=wish, labels=labels)
-    results = [_one(pipeline, name, frame, out) for name, frame in with_progress(frames, None, "depth")]
-    window, unit = pipeline.rectifier.rectification.window, pipeline.calibration.unit
-    say(
-        {
-            "frames": results,
-            "out": out,
-            "unit": unit,
-            "matcher": matcher,
-            "labels": window.labels,
-            f"range_min_{_suffix(unit)}": window.nearest,
-            f"range_max_{_suffix(unit)}": window.farthest,
-            f"baseline_{_suffix(unit)}": pipeline.calibration.baseline,
-        },
-        [
-            *(
-                f"{frame['file']}: {100 * float(str(frame['density'])):.1f} % matched, median depth "
-                f"{frame[f'median_depth_{_suffix(unit)}']:.4g} {unit}, {float(str(frame['milliseconds'])):.0f} ms"
-                for frame in results
-            ),
-            f"wrote disparity, depth, picture and cloud of {len(results)} frames to {out}",
-        ],
-        as_json=as_json,
-    )
+    pipeline = Pipeline(_calibration(calibration, inputs), create(matcher), wish=wish, labels=labels)
+    suffix = "mm" if pipeline.calibration.unit == "mm" else "squares"
+    results: list[dict[str, object]] = []
+    lines: list[str] = []
+    for name, frame in with_progress(inputs.frames, inputs.count, "depth"):
+        found = depth_of(pipeline, frame)
+        found.write(out, name)
+        results.append(
+            {
+                "file": name,
+                "milliseconds": found.milliseconds,
+                "density": found.disparity.density,
+                "valid_pixels": int(found.disparity.valid.sum()),
+                "points": len(found.cloud.points),
+                f"median_depth_{suffix}": found.median_depth,
+            }
+        )
+        share = 100 * found.disparity.density
+        lines.append(f"{name}: {share:.1f} % matched, median depth {found.median_depth:.4g} {found.unit}, "
+                     f"{found.milliseconds:.0f} ms")  # fmt: skip
+    lines.append(f"wrote disparity, depth, picture and cloud of {len(results)} frames to {out}")
+    say({"frames": results, "out": out, "matcher": matcher, **_window(pipeline, suffix)}, lines, as_json=as_json)
 
 
-def _suffix(unit: str) -> str:
-    return "mm" if unit == "mm" else "squares"
+def _window(pipeline: Pipeline, suffix: str) -> dict[str, object]:
+    window = pipeline.rectifier.rectification.window
+    return {
+        "unit": pipeline.calibration.unit,
+        "labels": window.labels,
+        f"range_min_{suffix}": window.nearest,
+        f"range_max_{suffix}": window.farthest,
+        f"baseline_{suffix}": pipeline.calibration.baseline,
+    }
 
 
-def _inputs(
-    raw: tuple[Path, ...], left: str | None, right: str | None
-) -> tuple[Iterator[tuple[str, RawFrame]], Path | None]:
-    from prismstereo.frames import named_frames, paired_frames
+@dataclass(frozen=True, slots=True)
+class _Inputs:
+    """Frames by name, how many, and what is known of where they come from."""
+
+    frames: Iterator[tuple[str, RawFrame]]
+    count: int
+    rig: str | None = None
+    calibration: Path | None = None
+
+
+def _inputs(raw: tuple[Path, ...], left: str | None, right: str | None) -> _Inputs:
+    from prismstereo.frames import expand, named_frames, paired_frames, pairs
     from prismstereo_hw.session import Session
 
     if left or right:
         if raw or not (left and right):
             raise UsageError("give RAW frames, or both --left and --right, not a mixture")
-        return paired_frames(left, right), None
+        return _Inputs(paired_frames(left, right), len(pairs(left, right)))
     if not raw:
         raise UsageError("give RAW frames or a session folder: prismstereo depth FRAME.png --calibration C.json -o out")
-    if len(raw) == 1 and (raw[0] / "session.toml").is_file():
+    if len(raw) == 1 and raw[0].is_dir() and (raw[0] / "session.toml").is_file():
         session = Session.open(raw[0])
-        return named_frames(session.paths("video")), session.calibration_path
-    return named_frames(list(raw)), None
+        paths = session.paths("video")
+        if not paths:
+            raise UsageError(f"{raw[0]} holds no video frames: simulate some with --frames, or give RAW frames")
+        return _Inputs(named_frames(paths), len(paths), session.info.rig, session.calibration_path)
+    files = expand(raw)
+    home = files[0].parent.parent  # a frame inside of a session folder belongs to that session
+    inside = (home / "session.toml").is_file()
+    return _Inputs(named_frames(files), len(files), Session.open(home).info.rig if inside else None)
 
 
-def _one(pipeline: Pipeline, name: str, frame: RawFrame, out: Path) -> dict[str, object]:
-    """Do one frame: all four files of it, then its line of figures."""
-    import time
+def _calibration(path: Path | None, inputs: _Inputs) -> Calibration:
+    from prismstereo_calibration.errors import CalibrationError
+    from prismstereo_calibration.store import read
 
-    import numpy as np
-
-    from prismstereo.cloud import point_cloud
-    from prismstereo.picture import depth_picture
-    from prismstereo_hw import pfm
-    from prismstereo_hw.files import write_picture
-
-    begin = time.perf_counter()
-    pair = pipeline.split(frame)
-    disparity = pipeline.disparity(pair)
-    milliseconds = 1e3 * (time.perf_counter() - begin)
-    unit, rectification = pipeline.calibration.unit, pipeline.rectifier.rectification
-    depth = disparity.depth()
-    cloud = point_cloud(disparity, rectification, pipeline.rectifier.left_picture(pair))
-    pfm.write_disparity(out / f"{name}_disparity.pfm", disparity.disparity_px)
-    pfm.write(out / f"{name}_depth.pfm", depth)
-    write_picture(out / f"{name}_depth.png", depth_picture(disparity, unit))
-    cloud.write(out / f"{name}.ply")
-    known = depth[np.isfinite(depth)]
-    return {
-        "file": name,
-        "milliseconds": milliseconds,
-        "density": disparity.density,
-        "valid_pixels": int(np.count_nonzero(disparity.valid)),
-        "points": len(cloud.points),
-        f"median_depth_{_suffix(unit)}": float(np.median(known)) if known.size else float("nan"),
-    }
+    path = path or inputs.calibration
+    if path is None:
+        raise UsageError("depth needs to know the unit: give its calibration with --calibration FILE")
+    calibration = read(path)
+    if inputs.rig is not None and inputs.rig != calibration.rig:
+        raise CalibrationError(
+            f"{path} is a calibration of {calibration.rig!r}, but the session was taken with {inputs.rig!r}: give the "
+            "calibration of the same rig"
+        )
+    return calibration
