@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from prismstereo_calibration.rectification import Rectification
 from prismstereo_calibration.window import DisparityWindow
 from prismstereo_device.split import StereoPair
+from prismstereo_hw.errors import ImageError
 
 __all__ = ["RectifiedPair", "Rectifier"]
 
@@ -63,7 +64,11 @@ class Rectifier:
         self._right = _Maps.of(rectification.sources(rectification.right))
 
     def rectify(self, pair: StereoPair) -> RectifiedPair:
-        """Rectify both views in grey; `window` carries the offset that the matched disparities will need."""
+        """Rectify both views in grey; `window` carries the offset that the matched disparities will need.
+
+        `ImageError` for views of another size than those that were calibrated.
+        """
+        self._require(pair)
         return RectifiedPair(
             left=self._left.apply(_grey(pair.left)),
             right=self._right.apply(_grey(pair.right)),
@@ -72,8 +77,22 @@ class Rectifier:
             right_seen=self._right.seen,
         )
 
+    def _require(self, pair: StereoPair) -> None:
+        frame = self.rectification.frame_width, self.rectification.frame_height
+        for side, picture, made_for in (
+            ("left", pair.left, self.rectification.left.view.upright_size(*frame)),
+            ("right", pair.right, self.rectification.right.view.upright_size(*frame)),
+        ):
+            height, width = picture.shape[:2]
+            if (width, height) != made_for:
+                raise ImageError(
+                    f"the {side} view is {width}x{height}, but this rectification is for {made_for[0]}x{made_for[1]}: "
+                    "split frames of the calibrated size"
+                )
+
     def left_picture(self, pair: StereoPair) -> NDArray[np.uint8]:
         """Rectify the left view with its colours, (height, width[, 3]): what a cloud or a picture is painted with."""
+        self._require(pair)
         return self._left.apply(np.ascontiguousarray(pair.left))
 
 

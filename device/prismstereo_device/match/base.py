@@ -14,7 +14,7 @@ from prismstereo_hw.errors import ImageError, UsageError
 __all__ = ["Matcher"]
 
 _MOST_LABELS = 1024
-_MOST_PIXELS = 64 * 1024 * 1024
+_LARGEST_SIDE_PX = 16384
 
 
 class Matcher(ABC):
@@ -36,13 +36,22 @@ class Matcher(ABC):
 
 def _check(pair: RectifiedPair) -> None:
     left, right = pair.left, pair.right
+    for picture in (left, right):
+        if picture.ndim != 2 or picture.dtype != np.uint8 or not picture.size or max(picture.shape) > _LARGEST_SIDE_PX:
+            raise ImageError(
+                f"a matcher takes 8-bit grey pictures of at most {_LARGEST_SIDE_PX} pixels a side, not {picture.dtype} "
+                f"{picture.shape}"
+            )
     if left.shape != right.shape:
         raise ImageError(
             f"the left picture is {left.shape[1]}x{left.shape[0]} and the right one {right.shape[1]}x{right.shape[0]}: "
             "a rectified pair has one size"
         )
-    if left.ndim != 2 or left.dtype != np.uint8 or right.dtype != np.uint8 or not 0 < left.size <= _MOST_PIXELS:
-        raise ImageError(f"a matcher takes 8-bit grey pictures, not {left.dtype} {left.shape}")
+    for seen in (pair.left_seen, pair.right_seen):
+        if seen is not None and (seen.shape != left.shape or seen.dtype != np.bool_):
+            raise ImageError(
+                f"a mask is {seen.dtype} {seen.shape}, but the pictures are {left.shape}: give bool, same size"
+            )
     if not 1 <= pair.window.labels <= _MOST_LABELS:
         raise UsageError(f"--max-disparity {pair.window.labels}: search between 1 and {_MOST_LABELS} disparities")
 

@@ -17,6 +17,7 @@ _P2 = 32 * _BLOCK**2
 _UNIQUENESS_PERCENT = 10
 _SPECKLE_PIXELS, _SPECKLE_RANGE = 100, 2
 _CONSISTENT_PX = 1.0  # the match seen from the right may differ by this much
+_TEXTURE_PX, _LEAST_TEXTURE = 11, 0.05  # window, mean squared grey levels per pixel
 _STEPS = 16  # fixed-point steps per pixel in OpenCV's maps
 _LABEL_STEP = 16
 _SMALLEST_SIDE = 2 * _BLOCK
@@ -40,9 +41,17 @@ class SgbmMatcher(Matcher):
         seen_right = _sgbm(np.ascontiguousarray(right[:, ::-1]), np.ascontiguousarray(left[:, ::-1]), searched)[:, ::-1]
         columns = np.arange(left.shape[1], dtype=np.float32)
         partner = np.clip(np.rint(columns - seen_left), 0, left.shape[1] - 1).astype(np.intp)
-        agrees = np.abs(np.take_along_axis(seen_right, partner, axis=1) - seen_left) <= _CONSISTENT_PX
-        kept = agrees & (seen_left >= 0) & (seen_left <= labels - 1)
-        return refine(left, right, np.where(kept, seen_left, np.float32(np.nan)))
+        back = np.take_along_axis(seen_right, partner, axis=1)
+        agrees = (back >= 0) & (np.abs(back - seen_left) <= _CONSISTENT_PX)
+        kept = agrees & (seen_left >= 0) & (seen_left <= labels - 1) & _textured(left)
+        refined = refine(left, right, np.where(kept, seen_left, np.float32(np.nan)))
+        return np.minimum(refined, np.float32(labels - 1))
+
+
+def _textured(picture: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    """Tell where there is anything to match at all: black or saturated areas cost nothing at every disparity."""
+    slope = cv2.filter2D(picture, cv2.CV_32F, np.array([[-0.5, 0.0, 0.5]], np.float32))
+    return np.asarray(cv2.boxFilter(slope * slope, cv2.CV_32F, (_TEXTURE_PX, _TEXTURE_PX)) > _LEAST_TEXTURE)
 
 
 def _sgbm(left: NDArray[np.uint8], right: NDArray[np.uint8], labels: int) -> NDArray[np.float32]:

@@ -32,11 +32,11 @@ def refine(left: NDArray[np.uint8], right: NDArray[np.uint8], disparity_px: Floa
     weight = known.astype(np.float32)
     start = np.where(known, disparity_px, np.float32(0))
     columns, rows = np.meshgrid(np.arange(left.shape[1], dtype=np.float32), np.arange(left.shape[0], dtype=np.float32))
-    grey = left.astype(np.float32)
+    grey, other = left.astype(np.float32), right.astype(np.float32)
     own_slope = _slope(grey)
     refined = start
     for _ in range(_ROUNDS):
-        seen = cv2.remap(right, columns - refined, rows, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+        seen = cv2.remap(other, columns - refined, rows, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
         shifted = np.asarray(seen, np.float32)
         step = _step(grey - shifted, np.float32(0.5) * (own_slope + _slope(shifted)), weight, window)
         refined = refined + np.clip(step, -_LARGEST_STEP_PX, _LARGEST_STEP_PX)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from itertools import islice
 from pathlib import Path
@@ -25,7 +26,7 @@ class ReplaySensor(Sensor):
     def __init__(self, path: str | Path, *, frames: int | None = None, rate_hz: float | None = None) -> None:
         path = Path(path)
         self._pace = Pace(rate_hz)
-        if (path / "session.toml").is_file():
+        if os.path.isfile(path / "session.toml"):
             session = Session.open(path)
             if not session.paths("video"):
                 raise SessionError(f"{path} holds no video frames: there is nothing to replay")
@@ -42,10 +43,10 @@ class ReplaySensor(Sensor):
 
 
 def _pictures(path: Path) -> Iterator[RawFrame]:
-    if path.is_dir():
+    if os.path.isdir(path):
         files = sorted(file for file in path.iterdir() if file.suffix.lower() in _SUFFIXES)
     else:
-        files = [path] if path.is_file() else []
+        files = [path] if os.path.isfile(path) else []
     if not files:
         raise ImageError(
             f"there is nothing to replay at {path}: give a session folder, a folder of pictures or a picture"

@@ -26,8 +26,8 @@ class TwinSensor(Sensor):
         """Make the sensor of RIG[:SCENE], e.g. `oak-1`, `oak-1:plane:500`, `my-rig.toml:desk`."""
         rig_name, _, scene = argument.partition(":")
         if rig_name not in BUILT_IN and ".toml" in argument:  # a path may itself hold a colon
-            end = argument.index(".toml") + len(".toml")
-            rig_name, scene = argument[:end], argument[end + 1 :]
+            before, found, after = argument.rpartition(".toml:")
+            rig_name, scene = (f"{before}.toml", after) if found else (argument, "")
         rig = Rig.read(rig_name)
         return cls(Twin(rig, named(rig, scene or DEFAULT_SCENE)), frames=frames, rate_hz=rate_hz)
 
