@@ -29,6 +29,8 @@ Model = Literal["one-lens", "two-camera"]
 Unit = Literal["mm", "square"]
 
 _ORTHOGONAL = 1e-6
+_LARGEST_SIDE_PX = 16384
+_SMALLEST_VIEW_PX = 16
 _FIT_ROUNDS = 8
 _FIT_GRID = (20, 12)
 _FIT_DEPTHS = 6
@@ -54,6 +56,7 @@ class Calibration:
 
     def __post_init__(self) -> None:
         """Refuse what no camera can be."""
+        _check_frame(self)
         _check_numbers(self)
         _check_pose(self)
 
@@ -61,6 +64,12 @@ class Calibration:
     def baseline(self) -> float:
         """Distance of the two pinholes, in `unit`."""
         return float(np.linalg.norm(self.right.t_camera_from_left))
+
+    @property
+    def focal_px(self) -> float:
+        """Focal length of the rectified pictures: the mean of both cameras' both."""
+        left, right = self.left.lens, self.right.lens
+        return (left.fx_px + left.fy_px + right.fx_px + right.fy_px) / 4
 
     @property
     def views(self) -> tuple[View, View]:
@@ -106,6 +115,22 @@ class Calibration:
             )
 
 
+def _check_frame(calibration: Calibration) -> None:
+    width, height = calibration.frame_width, calibration.frame_height
+    if not (0 < width <= _LARGEST_SIDE_PX and 0 < height <= _LARGEST_SIDE_PX):
+        raise CalibrationError(
+            f"the calibration is for frames of {width}x{height}: no sensor gives less than 1 or more than "
+            f"{_LARGEST_SIDE_PX} pixels a side"
+        )
+    for side, view in zip(("left", "right"), calibration.views, strict=True):
+        w, h = view.upright_size(width, height)
+        if min(w, h) < _SMALLEST_VIEW_PX:
+            raise CalibrationError(
+                f"the {side} view is {w}x{h} pixels of a frame of {width}x{height}: give rectangles of at least "
+                f"{_SMALLEST_VIEW_PX} pixels a side"
+            )
+
+
 def _check_numbers(calibration: Calibration) -> None:
     width = calibration.frame_width
     for side, camera in (("left", calibration.left), ("right", calibration.right)):
@@ -113,7 +138,7 @@ def _check_numbers(calibration: Calibration) -> None:
         values = (lens.fx_px, lens.fy_px, lens.cx_px, lens.cy_px, *lens.distortion)
         if not all(math.isfinite(value) for value in values):
             raise CalibrationError(f"{side} camera has a number that is not finite: {lens}: calibrate again")
-        if not (0.1 * width < lens.fx_px < 50 * width and 0.5 < lens.fx_px / lens.fy_px < 2):
+        if not (0.1 * width < lens.fx_px < 50 * width and 0.5 * lens.fy_px < lens.fx_px < 2 * lens.fy_px):
             raise CalibrationError(
                 f"{side} camera has focal lengths {lens.fx_px:.1f}, {lens.fy_px:.1f} px on a frame {width} px wide: "
                 "no lens is like that, calibrate again with more and more tilted views"
@@ -123,10 +148,30 @@ def _check_numbers(calibration: Calibration) -> None:
                 f"{side} camera has its principal point at {lens.cx_px:.1f}, {lens.cy_px:.1f} px, far outside the "
                 f"frame of {width}x{calibration.frame_height}: calibrate again"
             )
+    for side, camera, view in zip(
+        ("left", "right"), (calibration.left, calibration.right), calibration.views, strict=True
+    ):
+        if not np.isfinite(camera.lens.slopes(_cross(calibration, view))).all():
+            raise CalibrationError(
+                f"{side} camera's distortion {camera.lens.distortion} folds the picture inside its own view: "
+                "calibrate again with corners near the borders of the view"
+            )
+
+
+def _cross(calibration: Calibration, view: View) -> Array:
+    """Return the upright pixels (5, 2) of a view's middle and of the middles of its borders."""
+    x, y, _, _ = view.rectangle(calibration.frame_width, calibration.frame_height)
+    w, h = view.upright_size(calibration.frame_width, calibration.frame_height)
+    parts = np.array([[0.5, 0.5], [0.0, 0.5], [1.0, 0.5], [0.5, 0.0], [0.5, 1.0]])
+    return np.asarray(np.array([x, y]) + parts * np.array([w - 1, h - 1]))
 
 
 def _check_pose(calibration: Calibration) -> None:
-    right = calibration.right
+    left, right = calibration.left, calibration.right
+    if not (np.array_equal(left.R_camera_from_left, np.eye(3)) and not np.any(left.t_camera_from_left)):
+        raise CalibrationError(
+            "the left camera does not stand at the origin: poses are given in its frame, the file was written by hand"
+        )
     R, t = right.R_camera_from_left, right.t_camera_from_left
     if not (np.isfinite(R).all() and np.isfinite(t).all()):
         raise CalibrationError("the pose of the right camera has a number that is not finite: calibrate again")

@@ -64,11 +64,8 @@ class Rectification:
         x, y, _, _ = side.view.rectangle(self.frame_width, self.frame_height)
         w, h = side.view.upright_size(self.frame_width, self.frame_height)
         pixels = lens.project_slopes(pinhole) - np.array([x, y])
-        inside = (
-            ahead
-            & _one_to_one(lens.distortion, pinhole)
-            & np.all((pixels >= 0) & (pixels <= np.array([w - 1, h - 1])), axis=-1)
-        )
+        within = np.all((pixels >= 0) & (pixels <= np.array([w - 1, h - 1])), axis=-1)
+        inside = ahead & lens.one_to_one(pinhole) & within
         return np.where(inside[..., None], pixels, np.nan).astype(np.float32)
 
     def rectify(self, pixels: Array, side: RectifiedView) -> Array:
@@ -86,31 +83,19 @@ class Rectification:
         return np.stack([x, y, depth], axis=-1).astype(np.float32)
 
 
-def _one_to_one(distortion: tuple[float, ...], slopes: Array) -> NDArray[np.bool_]:
-    """Tell where a radial polynomial still rises; beyond, it folds the far field back into the picture."""
-    k1, k2, _, _, k3 = distortion
-    s = np.sum(slopes**2, axis=-1)
-    rising = 1 + s * (3 * k1 + s * (5 * k2 + s * 7 * k3)) > 0
-    return np.asarray(rising & (s <= _first_fold(k1, k2, k3)))
-
-
-def _first_fold(k1: float, k2: float, k3: float) -> float:
-    roots = np.roots([7 * k3, 5 * k2, 3 * k1, 1.0]) if k1 or k2 or k3 else np.zeros(0)
-    real = [float(root.real) for root in roots if abs(root.imag) < 1e-12 and root.real > 0]
-    return min(real, default=np.inf)
-
-
 def rectification(calibration: Calibration, wish: RangeWish | None = None, labels: int | None = None) -> Rectification:
     """Derive the rectification of a calibration for a wished range (default: the calibration's own, with its labels).
 
-    With a wish but no `labels`, the search is as long as the range needs; `UsageError` when it cannot be had.
+    With a wish but no `labels`, the search is as long as the range needs; `labels` alone go with the calibration's range.
+    `UsageError` when it cannot be had.
     """
     left, right = calibration.left, calibration.right
     turn = _turn(calibration)
-    focal_px = float(np.mean([left.lens.fx_px, left.lens.fy_px, right.lens.fx_px, right.lens.fy_px]))
+    focal_px = calibration.focal_px
     scale = focal_px * calibration.baseline
     asked = calibration.range if wish is None else wish
-    window = DisparityWindow.between(scale, asked.near_mm, asked.far_mm, asked.labels if wish is None else labels)
+    searched = asked.labels if wish is None and labels is None else labels
+    window = DisparityWindow.between(scale, asked.near_mm, asked.far_mm, searched)
     views = (
         (left, calibration.left_view, turn),
         (right, calibration.right_view, turn @ right.R_camera_from_left.T),

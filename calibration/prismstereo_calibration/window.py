@@ -38,18 +38,20 @@ class DisparityWindow:
         if not 0 < near < far:
             raise UsageError(f"range {near:g}:{far:g} is empty: give near < far, both positive (far may be inf)")
         offset = (scale_px / far if math.isfinite(far) else 0.0) - 1.0
-        needed = math.ceil(scale_px / near - offset - 1e-9) + 2
+        reach = min(scale_px / near - offset, 1e9)  # a near end of next to nothing asks for any number
+        needed = math.ceil(reach - 1e-9) + 2
         rounded = -(-needed // _LABEL_STEP) * _LABEL_STEP
-        if labels is None:
-            labels = rounded
-        if needed > labels or labels > _MOST_LABELS:
-            limit = min(labels, _MOST_LABELS)
-            nearest = scale_px / (limit - 2 + offset)
+        limit = _MOST_LABELS if labels is None else labels
+        if limit > _MOST_LABELS:
+            raise UsageError(f"{limit} disparity labels: search at most {_MOST_LABELS}")
+        if needed > limit:
+            last = limit - 2 + offset
+            mends = [f"begin at {1.0005 * scale_px / last:.4g}"] if last > 0 else []
+            mends += [f"search {rounded} labels"] if rounded <= _MOST_LABELS else []
             raise UsageError(
-                f"range {near:g}:{far:g} needs {rounded} disparity labels, but {limit} are allowed: "
-                f"begin at {nearest:.0f}, or search more labels"
+                f"range {near:g}:{far:g} needs {rounded} disparity labels, but {limit} are searched: {' or '.join(mends)}"
             )
-        return cls(labels=labels, offset_px=offset, scale_px=scale_px)
+        return cls(labels=rounded if labels is None else labels, offset_px=offset, scale_px=scale_px)
 
     @property
     def nearest(self) -> float:
@@ -72,6 +74,6 @@ class DisparityWindow:
         if self.scale_px <= 0:
             raise UsageError("this pair has no focal length and baseline, so it has no depth: give a calibration")
         total = np.asarray(disparity_px, np.float64) + self.offset_px
-        with np.errstate(divide="ignore"):
+        with np.errstate(over="ignore"):  # a depth past float32 is as good as infinity
             depth = np.where(total > 0, self.scale_px / np.where(total > 0, total, 1.0), np.inf)
-        return np.where(np.isnan(total), np.nan, depth).astype(np.float32)
+            return np.where(np.isnan(total), np.nan, depth).astype(np.float32)

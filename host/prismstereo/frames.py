@@ -6,14 +6,16 @@ import glob
 import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import overload
 
 import numpy as np
 
+from prismstereo_calibration.detect import NamedFrame
 from prismstereo_hw.errors import ImageError, UsageError
 from prismstereo_hw.files import read_picture
 from prismstereo_hw.frame import RawFrame
 
-__all__ = ["expand", "named_frames", "paired_frames", "pairs"]
+__all__ = ["BoardFrames", "expand", "named_frames", "paired_frames", "pairs"]
 
 _SUFFIXES = {".png", ".jpg", ".jpeg", ".pgm", ".tif", ".tiff", ".bmp"}
 
@@ -72,3 +74,25 @@ def _side_by_side(left: Path, right: Path, index: int) -> RawFrame:
     if pictures[0].shape != pictures[1].shape:
         raise ImageError(f"{left} is {pictures[0].shape} and {right} {pictures[1].shape}: both cameras have one size")
     return RawFrame(np.hstack(pictures), index)
+
+
+class BoardFrames(Sequence[NamedFrame]):
+    """Board pictures read when they are asked for, one at a time: one file a frame, or (left, right) pairs of files."""
+
+    def __init__(self, files: Sequence[Path | tuple[Path, Path]]) -> None:
+        self._files = files
+
+    def __len__(self) -> int:
+        return len(self._files)
+
+    @overload
+    def __getitem__(self, index: int) -> NamedFrame: ...
+    @overload
+    def __getitem__(self, index: slice) -> Sequence[NamedFrame]: ...
+    def __getitem__(self, index: int | slice) -> NamedFrame | Sequence[NamedFrame]:
+        if isinstance(index, slice):
+            return BoardFrames(self._files[index])
+        file = self._files[index]
+        if isinstance(file, tuple):
+            return NamedFrame(file[0].name, _side_by_side(*file, index).pixels)
+        return NamedFrame(file.name, read_picture(file))

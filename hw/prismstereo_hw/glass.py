@@ -40,5 +40,7 @@ def refractive_index(glass: str, wavelength_nm: float = HELIUM_D_NM) -> float:
     except ValueError:
         raise RigError(f"there is no glass {glass!r}: choose one of {', '.join(GLASSES)}, or give its index") from None
     if not 1.0 < index < 3.0:
-        raise RigError(f"glass index {glass} is not between 1 and 3")
+        raise RigError(
+            f"glass index {glass} is not between 1 and 3: give one like 1.52, or choose {', '.join(GLASSES)}"
+        )
     return index

@@ -8,6 +8,7 @@ Model (Brown; the one OpenCV calls plumb bob): with a = X/Z, b = Y/Z, s = a^2 + 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,8 +16,9 @@ from numpy.typing import NDArray
 
 __all__ = ["Lens"]
 
-_UNDISTORT_ROUNDS = 40
-_UNDISTORT_TOLERANCE = 1e-12
+_UNDISTORT_ROUNDS = 20
+_UNDISTORT_TOLERANCE = 1e-13
+_UNDISTORT_MISS = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,24 +51,41 @@ class Lens:
         )
 
     def undistort(self, bent: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Invert `distort` by fixed-point steps, to 1e-12 where the lens is one-to-one."""
-        k1, k2, p1, p2, k3 = self.distortion
+        """Invert `distort` by Newton's method, to 1e-12; NaN where no slope of the one-to-one part comes out like that."""
         if not any(self.distortion):
             return bent.astype(np.float64)
         ideal = bent.astype(np.float64)
-        for _ in range(_UNDISTORT_ROUNDS):
-            a, b = ideal[..., 0], ideal[..., 1]
-            s = a * a + b * b
-            radial = 1.0 + s * (k1 + s * (k2 + s * k3))
-            tangential = np.stack(
-                [2 * p1 * a * b + p2 * (s + 2 * a * a), p1 * (s + 2 * b * b) + 2 * p2 * a * b], axis=-1
-            )
-            following = (bent - tangential) / radial[..., None]
-            step = float(np.max(np.abs(following - ideal), initial=0.0))
-            ideal = following
-            if step < _UNDISTORT_TOLERANCE:
-                break
-        return ideal
+        with np.errstate(all="ignore"):  # beyond the fold the steps may run away: those end as NaN
+            for _ in range(_UNDISTORT_ROUNDS):
+                step = self._newton_step(ideal, self.distort(ideal) - bent)
+                ideal = ideal - step
+                if not np.nanmax(np.abs(step), initial=0.0) > _UNDISTORT_TOLERANCE:
+                    break
+            missed = np.max(np.abs(self.distort(ideal) - bent), axis=-1) > _UNDISTORT_MISS
+            found = ~missed & self.one_to_one(ideal)
+        return np.where(found[..., None], ideal, np.nan)
+
+    def _newton_step(self, slopes: NDArray[np.float64], residual: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Solve the derivative of `distort`, a symmetric 2x2 matrix, for the residual."""
+        k1, k2, p1, p2, k3 = self.distortion
+        a, b = slopes[..., 0], slopes[..., 1]
+        s = a * a + b * b
+        radial = 1.0 + s * (k1 + s * (k2 + s * k3))
+        growth = 2 * (k1 + s * (2 * k2 + s * 3 * k3))
+        aa = radial + a * a * growth + 2 * p1 * b + 6 * p2 * a
+        ab = a * b * growth + 2 * p1 * a + 2 * p2 * b
+        bb = radial + b * b * growth + 6 * p1 * b + 2 * p2 * a
+        ra, rb = residual[..., 0], residual[..., 1]
+        return np.stack([bb * ra - ab * rb, aa * rb - ab * ra], axis=-1) / (aa * bb - ab * ab)[..., None]
+
+    def one_to_one(self, slopes: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Tell where (...) the radial polynomial still rises at slopes (..., 2); beyond, it folds the far field back."""
+        k1, k2, _, _, k3 = self.distortion
+        # where 1 + 3 k1 s + 5 k2 s^2 + 7 k3 s^3 is first 0; solved in 1/s, where the leading factor is never tiny
+        turns = np.roots([1.0, 3 * k1, 5 * k2, 7 * k3]) if any((k1, k2, k3)) else np.zeros(0)
+        steepest = max((float(turn.real) for turn in turns if abs(turn.imag) < 1e-12), default=0.0)
+        fold = 1 / steepest if steepest > 0 else math.inf
+        return np.asarray(np.sum(slopes**2, axis=-1) <= fold)  # NaN is nowhere
 
     def project_slopes(self, slopes: NDArray[np.float64]) -> NDArray[np.float64]:
         """Take ideal slopes (..., 2) to pixels (..., 2)."""
@@ -74,7 +93,7 @@ class Lens:
         return np.asarray(bent * np.array([self.fx_px, self.fy_px]) + np.array([self.cx_px, self.cy_px]))
 
     def slopes(self, pixels: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Take pixels (..., 2) to ideal slopes X/Z, Y/Z (..., 2)."""
+        """Take pixels (..., 2) to ideal slopes X/Z, Y/Z (..., 2); NaN where no ray comes to that pixel."""
         bent = (pixels - np.array([self.cx_px, self.cy_px])) / np.array([self.fx_px, self.fy_px])
         return self.undistort(bent)
 

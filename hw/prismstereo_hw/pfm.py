@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from prismstereo_hw.errors import DataError, UsageError
-from prismstereo_hw.files import read_depth_png, write_whole
+from prismstereo_hw.files import read_array, read_depth_png, write_whole
 
 __all__ = ["FORMATS", "decode", "encode", "read", "read_disparity", "require_format", "write", "write_disparity"]
 
@@ -78,11 +78,14 @@ def write_disparity(path: str | Path, disparity_px: NDArray[np.float32]) -> None
     """Write a disparity map (height, width), NaN where unmatched, in the format the name's ending says."""
     require_format(path)
     suffix = Path(path).suffix.lower()
+    if disparity_px.ndim != 2 or not disparity_px.size:
+        raise UsageError(f"cannot write {path}: a disparity map is (height, width), not {disparity_px.shape}")
     if suffix == ".pfm":
         write(path, disparity_px)
     elif suffix == ".png":
-        steps = np.clip(np.rint(np.nan_to_num(disparity_px, nan=0.0) * _PNG_STEPS), 1, 65535)
-        content = cv2.imencode(".png", np.where(np.isnan(disparity_px), 0, steps).astype(np.uint16))[1]
+        matched = np.isfinite(disparity_px)
+        steps = np.clip(np.rint(np.where(matched, disparity_px, 0.0) * _PNG_STEPS), 1, 65535)
+        content = cv2.imencode(".png", np.where(matched, steps, 0).astype(np.uint16))[1]
         write_whole(path, content.tobytes())
     else:
         buffer = io.BytesIO()
@@ -99,10 +102,7 @@ def read_disparity(path: str | Path) -> NDArray[np.float32]:
         steps = read_depth_png(path)
         return np.where(steps == 0, np.float32(np.nan), steps.astype(np.float32) / _PNG_STEPS)
     if suffix == ".npy":
-        try:
-            values = np.load(path, allow_pickle=False)
-        except (OSError, ValueError, EOFError) as error:
-            raise DataError(f"{path} is not a readable NPY file: {error}") from error
+        values = read_array(path)
         if values.ndim != 2 or values.dtype.kind != "f":
             raise DataError(f"{path} holds {values.dtype} {values.shape}: a disparity map is (height, width) float")
         return np.asarray(values, np.float32)

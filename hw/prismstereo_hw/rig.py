@@ -8,11 +8,13 @@ and rises at `angle_deg` from the x axis; the left one is its mirror image. See 
 from __future__ import annotations
 
 import math
+import os
 from importlib import resources
 from pathlib import Path
 from typing import Literal
 
 import msgspec
+import numpy as np
 import tomli_w
 
 from prismstereo_hw.errors import RigError
@@ -108,6 +110,7 @@ class Rig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True)
         _check_camera(self.camera)
         _check_prism(self.prism, self.camera)
         _check_mirrors(self.mirrors, self.prism)
+        self._check_distortion()
 
     @classmethod
     def read(cls, source: str | Path) -> Rig:
@@ -116,14 +119,14 @@ class Rig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True)
             text = resources.files("prismstereo_hw").joinpath(_DIRECTORY, f"{source}.toml").read_text("utf-8")
             return cls.parse(text, str(source))
         path = Path(source)
-        if not path.is_file():
+        if not os.path.isfile(path):  # unlike Path.is_file, says no to a name that no file can have
             raise RigError(
                 f"there is no rig {str(source)!r}: give one of {', '.join(BUILT_IN)}, or the path of a rig file (TOML)"
             )
         if path.stat().st_size > _MAX_FILE_BYTES:
             raise RigError(f"{path} has {path.stat().st_size} bytes: a rig file has at most {_MAX_FILE_BYTES}")
         try:
-            return cls.parse(path.read_text("utf-8"), str(path))
+            return cls.parse(path.read_text("utf-8-sig"), str(path))  # editors put a byte order mark there
         except (OSError, UnicodeDecodeError) as error:
             raise RigError(f"{path} cannot be read as UTF-8 text: {error}") from error
 
@@ -136,12 +139,24 @@ class Rig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True)
             raise RigError(
                 f"{origin}: {error}: compare with the built-in rigs (`prismstereo design oak-1 --toml`)"
             ) from error
-        except msgspec.DecodeError as error:
+        except RigError as error:
+            raise RigError(f"{origin}: {error}") from error
+        except (msgspec.DecodeError, RecursionError) as error:
             raise RigError(f"{origin} is not TOML: {error}") from error
 
     def toml(self) -> str:
         """Return this rig as the text of a rig file."""
         return tomli_w.dumps(msgspec.to_builtins(self))
+
+    def _check_distortion(self) -> None:
+        for label, mode in (("video", self.camera.video), ("still", self.camera.still)):
+            right, bottom = mode.width - 1.0, mode.height - 1.0
+            corners = np.array([[0.0, 0.0], [right, 0.0], [0.0, bottom], [right, bottom]])
+            _require(
+                bool(np.isfinite(self.lens(mode).slopes(corners)).all()),
+                f"camera.distortion {self.camera.distortion} folds the {label} picture before its corners: "
+                "give the k1 and k2 of a lens that is one-to-one over the whole frame",
+            )
 
     @property
     def views(self) -> tuple[View, View]:
@@ -187,11 +202,20 @@ def _check_camera(camera: Camera) -> None:
             64 <= mode.width <= 16384 and 48 <= mode.height <= 16384 and mode.width % 2 == 0,
             f"camera.{label} is {mode.width}x{mode.height}: give an even width from 64 and a height from 48 to 16384",
         )
+    dx, dy = camera.principal_offset_px
     _require(
-        all(math.isfinite(value) for value in (*camera.principal_offset_px, *camera.distortion)),
-        f"camera.principal_offset_px {camera.principal_offset_px} and camera.distortion {camera.distortion} must be finite",
+        abs(dx) < camera.video.width / 4 and abs(dy) < camera.video.height / 4,
+        f"camera.principal_offset_px is {camera.principal_offset_px}: the optical axis meets the sensor within a quarter "
+        "of the frame around its middle, or one view is lost",
     )
-    _require(camera.video.rate_hz > 0, f"camera.video.rate_hz is {camera.video.rate_hz:g}: give frames per second")
+    _require(
+        all(abs(value) <= 10 for value in camera.distortion),
+        f"camera.distortion is {camera.distortion}: give k1 and k2 between -10 and 10",
+    )
+    _require(
+        0 < camera.video.rate_hz <= 100_000,
+        f"camera.video.rate_hz is {camera.video.rate_hz:g}: give frames per second, more than 0 and at most 100000",
+    )
 
 
 def _check_prism(prism: Prism, camera: Camera) -> None:
@@ -222,9 +246,11 @@ def _check_mirrors(mirrors: Mirrors, prism: Prism) -> None:
     )
     for label, value in (("length_mm", mirrors.length_mm), ("height_mm", mirrors.height_mm)):
         _require(1 <= value <= 2000, f"mirrors.{label} is {value:g}: give millimetres between 1 and 2000")
+    for label, value in (("near_edge_mm", mirrors.near_edge_mm), ("offset_mm", mirrors.offset_mm)):
+        _require(abs(value) <= 2000, f"mirrors.{label} is {value:g}: give at most 2000 millimetres")
     for label, value in (("left_tip_deg", mirrors.left_tip_deg), ("right_tip_deg", mirrors.right_tip_deg)):
         _require(abs(value) <= 5, f"mirrors.{label} is {value:g}: a mount that is off by more than 5 degrees is broken")
-    reach = prism.side_mm / 2 * (1 - mirrors.offset_mm / prism.height_mm)  # half width of the prism at that height
+    reach = prism.side_mm / 2 * min(1.0, 1 - mirrors.offset_mm / prism.height_mm)  # half width of the prism up there
     _require(
         mirrors.near_edge_mm > max(reach, 0.0),
         f"mirrors.near_edge_mm is {mirrors.near_edge_mm:g}, inside the prism, which reaches {max(reach, 0):.1f} mm from the "

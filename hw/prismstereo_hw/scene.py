@@ -59,9 +59,9 @@ class Rectangle:
         normal = self.normal
         with np.errstate(divide="ignore", invalid="ignore"):
             reach = ((self.centre_mm - origin) @ normal) / (direction @ normal)
-            point = origin + reach[:, None] * direction
-        offset = point - self.centre_mm
-        met = (reach > 1e-6) & (np.abs(offset @ self.u) <= self.half_u_mm) & (np.abs(offset @ self.v) <= self.half_v_mm)
+            offset = origin + reach[:, None] * direction - self.centre_mm
+            across, down = np.abs(offset @ self.u), np.abs(offset @ self.v)
+        met = (reach > 1e-6) & np.isfinite(reach) & (across <= self.half_u_mm) & (down <= self.half_v_mm)
         return np.where(met, reach, np.inf)
 
     def shade(self, point: Array, pixel_mm: Array) -> Array:
@@ -125,14 +125,15 @@ def board(columns: int, rows: int, square_mm: float, R: Array, t_mm: Array, *, n
     A board point X_board = (i square, j square, 0) stands at R X_board + t in the rig frame.
     """
     middle = np.array([(columns - 1) / 2, (rows - 1) / 2]) * square_mm
+    texture = Checkered(columns=columns, rows=rows, square_mm=square_mm)
     return Rectangle(
         name=name,
         centre_mm=t_mm + R[:, :2] @ middle,
         u=R[:, 0],
         v=R[:, 1],
-        half_u_mm=((columns + 1) / 2 + 1) * square_mm,
-        half_v_mm=((rows + 1) / 2 + 1) * square_mm,
-        texture=Checkered(columns=columns, rows=rows, square_mm=square_mm),
+        half_u_mm=((columns + 1) / 2 + texture.margin_squares) * square_mm,
+        half_v_mm=((rows + 1) / 2 + texture.margin_squares) * square_mm,
+        texture=texture,
         texture_origin_mm=(-middle[0], -middle[1]),
     )
 
@@ -164,8 +165,12 @@ def named(rig: Rig, name: str, seed: int = 1) -> Scene:
             distance_mm = float(argument)
         except ValueError:
             distance_mm = math.nan
-        if not 10 <= distance_mm <= 1e8:
-            raise UsageError(f"scene {name!r}: give the distance in mm after the colon, 10 to 1e8, e.g. {kind}:500")
+        front_mm = math.ceil(_front_mm(rig))
+        if not front_mm <= distance_mm <= 1e8:
+            raise UsageError(
+                f"scene {name!r}: give the distance in mm after the colon, beyond the rig itself and up to 1e8: "
+                f"{front_mm} to 1e8, e.g. {kind}:500"
+            )
         if kind == "plane":
             return facing_plane(rig, distance_mm, seed)
         square = board_square_mm(rig, distance_mm)
@@ -173,6 +178,12 @@ def named(rig: Rig, name: str, seed: int = 1) -> Scene:
         wall = _facing(rig, "wall", (0.0, 0.0, 1.4 * distance_mm), (np.inf, np.inf), seed)
         return Scene(name, (board(9, 7, square, np.eye(3), first), wall))
     raise UsageError(f"there is no scene {name!r}: choose one of {', '.join(SCENES)}")
+
+
+def _front_mm(rig: Rig) -> float:
+    """Return how far the rig itself reaches: the prism's apex or the mirrors' far edges."""
+    rise = rig.mirrors.length_mm * math.sin(math.radians(rig.mirrors.angle_deg))
+    return rig.prism.pupil_to_prism_mm + max(rig.prism.height_mm, rig.mirrors.offset_mm + rise)
 
 
 def board_square_mm(rig: Rig, distance_mm: float, columns: int = 9) -> float:
@@ -195,7 +206,7 @@ def board_poses(
             return poses
         tilt = np.radians(rng.uniform([-30, -30, -12], [30, 30, 12]))
         R = _rotation(tilt)
-        middle = np.array([*rng.uniform(-0.25, 0.25, 2) * near, near * rng.uniform(0.95, 1.5)])
+        middle = np.array([*rng.uniform(-0.45, 0.45, 2) * near, near * rng.uniform(0.95, 1.5)])
         t = middle - R @ flat.mean(axis=0)
         if all(_in_view(rig, side, flat @ R.T + t) for side in ("left", "right")):
             poses.append((square, R, t))

@@ -14,8 +14,9 @@ truth/objects/000000.png   index of the object plus one
 
 from __future__ import annotations
 
-import csv
 import io
+import os
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,7 +30,7 @@ from numpy.typing import NDArray
 
 from prismstereo_hw import pfm
 from prismstereo_hw.errors import DataError, SessionError
-from prismstereo_hw.files import read_picture, write_whole
+from prismstereo_hw.files import read_array, read_picture, write_whole
 from prismstereo_hw.frame import RawFrame
 from prismstereo_hw.optics.unfold import fold
 from prismstereo_hw.rig import Rig
@@ -39,6 +40,7 @@ __all__ = ["Kind", "Session", "SessionInfo", "SessionWriter"]
 
 Kind = Literal["video", "stills", "boards"]
 _MOST_BYTES = 1024 * 1024
+_NUMBER = re.compile(r"[0-9]{1,12}")
 
 
 class SessionInfo(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -71,25 +73,40 @@ class Session:
         """Open a session folder."""
         folder = Path(folder)
         path = folder / "session.toml"
-        if not path.is_file():
+        if not os.path.isfile(path):
             raise SessionError(f"{folder} is no session: session.toml is missing; make one with `prismstereo simulate`")
         if path.stat().st_size > _MOST_BYTES:
             raise SessionError(f"{path} has {path.stat().st_size} bytes: a session.toml has at most {_MOST_BYTES}")
         try:
             info = msgspec.toml.decode(path.read_bytes(), type=SessionInfo)
-        except (msgspec.DecodeError, UnicodeDecodeError) as error:
-            raise SessionError(f"{path}: {error}") from error
+        except (OSError, msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+            raise SessionError(f"{path} cannot be understood: {error}: copy the session again") from error
         return cls(folder, info, _read_stamps(folder / "timestamps.csv"))
 
     def paths(self, kind: Kind) -> list[Path]:
-        """Return the picture files of a kind, in order of their numbers."""
-        return sorted(p for p in (self.folder / kind).glob("*") if p.suffix in (".png", ".jpg") and p.stem.isdigit())
+        """Return the picture files of a kind, in order of their numbers; `SessionError` when some of them are gone."""
+        found = [
+            p for p in (self.folder / kind).glob("*") if p.suffix in (".png", ".jpg") and _NUMBER.fullmatch(p.stem)
+        ]
+        counts = {"video": self.info.video_frames, "stills": self.info.still_frames, "boards": self.info.board_frames}
+        if len(found) < counts[kind]:
+            raise SessionError(
+                f"{self.folder / kind} holds {len(found)} of the {counts[kind]} pictures that session.toml counts: "
+                "copy the session again"
+            )
+        return sorted(found, key=lambda path: int(path.stem))
 
     def frames(self, kind: Kind = "video") -> Iterator[RawFrame]:
-        """Read the raw frames of a kind, one at a time, in order."""
+        """Read the raw frames of a kind, one at a time, in order; `SessionError` for one without a time."""
         for path in self.paths(kind):
             index = int(path.stem)
-            yield RawFrame(read_picture(path), index, self._stamps.get((kind, index), 0))
+            stamp = self._stamps.get((kind, index))
+            if stamp is None:
+                raise SessionError(
+                    f"{self.folder / 'timestamps.csv'} has no time for {path.name} of {kind}: add the line "
+                    f"{kind},{index},MICROSECONDS"
+                )
+            yield RawFrame(read_picture(path), index, stamp)
 
     @property
     def calibration_path(self) -> Path | None:
@@ -103,28 +120,39 @@ class Session:
         if not self.info.truth:
             raise SessionError(f"{self.folder} holds no truth: only sessions of the optical twin do")
         try:
-            match = np.load(base / "match" / f"{index:06d}.npy", allow_pickle=False)
-        except (OSError, ValueError) as error:
+            match = read_array(base / "match" / f"{index:06d}.npy")
+            depth = pfm.read(base / "depth" / f"{index:06d}.pfm")
+            occluded = read_picture(base / "occluded" / f"{index:06d}.png", grey=True) > 0
+            objects = read_picture(base / "objects" / f"{index:06d}.png", grey=True)
+        except DataError as error:
             raise SessionError(f"{self.folder} holds no readable truth of frame {index}: {error}") from error
-        return Truth(
-            depth_mm=pfm.read(base / "depth" / f"{index:06d}.pfm"),
-            match_px=match,
-            occluded=read_picture(base / "occluded" / f"{index:06d}.png", grey=True) > 0,
-            objects=read_picture(base / "objects" / f"{index:06d}.png", grey=True),
-        )
+        if (
+            match.dtype != np.float32
+            or match.shape != (*depth.shape, 2)
+            or not depth.shape == occluded.shape == objects.shape
+        ):
+            raise SessionError(
+                f"{self.folder}: the truth of frame {index} contradicts itself, depth {depth.shape}, match {match.dtype} "
+                f"{match.shape}, occluded {occluded.shape}, objects {objects.shape}: copy the session again"
+            )
+        return Truth(depth_mm=depth, match_px=match.astype(np.float32, copy=False), occluded=occluded, objects=objects)
 
 
 def _read_stamps(path: Path) -> dict[tuple[str, int], int]:
     if not path.is_file():
         return {}
-    stamps: dict[tuple[str, int], int] = {}
     try:
-        with path.open(encoding="utf-8", newline="") as file:
-            for number, row in enumerate(csv.reader(file)):
-                if number:
-                    stamps[row[0], int(row[1])] = int(row[2])
-    except (OSError, ValueError, IndexError, UnicodeDecodeError) as error:
-        raise SessionError(f"{path}, line {len(stamps) + 2}: {error}: each line is kind,index,microseconds") from error
+        lines = path.read_text("utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise SessionError(f"{path} cannot be read: {error}: copy the session again") from error
+    stamps: dict[tuple[str, int], int] = {}
+    for number, line in enumerate(lines[1:], start=2):
+        try:
+            if line:
+                kind, index, stamp = line.split(",")
+                stamps[kind, int(index)] = int(stamp)
+        except ValueError as error:
+            raise SessionError(f"{path}, line {number}: {error}: each line is kind,index,microseconds") from error
     return stamps
 
 
@@ -133,8 +161,10 @@ class SessionWriter:
 
     def __init__(self, folder: str | Path, rig: Rig, scene: str = "") -> None:
         self.folder = Path(folder)
-        if (self.folder / "session.toml").exists():
-            raise DataError(f"{self.folder} already holds a session: give another folder, or remove that one first")
+        if any((self.folder / part).exists() for part in ("session.toml", "video", "stills", "boards", "truth")):
+            raise DataError(
+                f"{self.folder} already holds a session, or half of one: give another folder, or remove that one first"
+            )
         self._rig, self._scene = rig, scene
         self._stamps: list[tuple[str, int, int]] = []
         self._counts: dict[Kind, int] = {"video": 0, "stills": 0, "boards": 0}

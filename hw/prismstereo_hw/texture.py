@@ -118,7 +118,7 @@ def _square_wave(x: Array, width: Array) -> Array:
     """Average a square wave of period 2 (+1 on 0..1) over `width` around x: its integral is a triangle wave."""
 
     def integral(t: Array) -> Array:
-        return 1 - np.abs(np.mod(t, 2) - 1)
+        return np.asarray(1 - np.abs(np.mod(t, 2) - 1))
 
     return np.asarray((integral(x + width / 2) - integral(x - width / 2)) / width)
 

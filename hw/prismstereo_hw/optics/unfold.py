@@ -108,8 +108,9 @@ class FoldedView:
             u = u - step
             if not np.nanmax(np.abs(step), initial=0.0) > _NEWTON_TOLERANCE:
                 break
-        scale = np.divide(u, radius, out=1 / (beyond + h / self.index), where=radius > 0)
-        return X[..., :2] * scale[..., None]
+        off_axis = radius > 0
+        scale = np.where(off_axis, u / np.where(off_axis, radius, 1.0), 1 / (beyond + h / self.index))
+        return np.asarray(X[..., :2] * scale[..., None])
 
     def rays(self, slopes: Array) -> tuple[Array, Array]:
         """Take ideal slopes (..., 2) to rays in the rig frame: a point on each (..., 3) in mm and its direction (..., 3).
