@@ -19,7 +19,6 @@ __all__ = ["Linearised", "Minimum", "minimise"]
 Array = NDArray[np.float64]
 State = TypeVar("State")
 
-_ROUNDS = 100
 _SMALL_DECREASE = 1e-12  # relative, of the sum of squares
 _FIRST_DAMPING, _MOST_DAMPING = 1e-4, 1e12
 _LESS, _MORE = 0.1, 10.0
@@ -92,7 +91,10 @@ class _Normal:
 
 
 def minimise(
-    state: State, linearise: Callable[[State], Linearised], advance: Callable[[State, Array, Array], State]
+    state: State,
+    linearise: Callable[[State], Linearised],
+    advance: Callable[[State, Array, Array], State],
+    most_rounds: int = 100,
 ) -> Minimum[State]:
     """Minimise the cost from `state` on.
 
@@ -102,7 +104,7 @@ def minimise(
     at = linearise(state)
     damping, rounds = _FIRST_DAMPING, 0
     normal = _Normal.of(at)
-    while rounds < _ROUNDS and damping < _MOST_DAMPING and at.cost > 0:
+    while rounds < most_rounds and damping < _MOST_DAMPING and at.cost > 0:
         rounds += 1
         trial = advance(state, *normal.step(damping))
         there = linearise(trial)

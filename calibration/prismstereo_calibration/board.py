@@ -83,4 +83,4 @@ class Board:
     def points(self) -> NDArray[np.float64]:
         """Return the inner corners (N, 3) float64 in `unit`, row after row, z = 0."""
         y, x = np.divmod(np.arange(self.corner_count), self.columns)
-        return np.stack([x, y, np.zeros_like(x)], axis=-1) * self.square
+        return np.stack([x, y, np.zeros_like(x)], axis=-1) * float(self.square)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from prismstereo_calibration.arrow import Linearised, Minimum, minimise
 from prismstereo_calibration.poses import Pose, rotations
-from prismstereo_calibration.projection import Projection, lens_of, project
+from prismstereo_calibration.projection import Projection, lens_of, numbers_of, project
 from prismstereo_hw.lens import Lens
 
 __all__ = ["LensModel", "Unknowns", "adjust", "residuals"]
@@ -38,6 +38,12 @@ class LensModel:
     def numbers(self, own: Array) -> tuple[Array, Array]:
         """Return the nine numbers of the left and of the right view's lens."""
         return self.left_matrix @ own + self.left_constant, self.right_matrix @ own + self.right_constant
+
+    def own(self, left: Lens, right: Lens) -> Array:
+        """Return the own numbers (P,) whose lenses come nearest to these two; exact where the model made them."""
+        matrix = np.concatenate([self.left_matrix, self.right_matrix])
+        numbers = np.concatenate([numbers_of(left) - self.left_constant, numbers_of(right) - self.right_constant])
+        return np.asarray(np.linalg.lstsq(matrix, numbers, rcond=None)[0])
 
     def lenses(self, own: Array) -> tuple[Lens, Lens]:
         """Return the lenses of the left and of the right view."""
@@ -123,14 +129,20 @@ def _off(projection: Projection, points: Array, pixels: Array) -> Array:
 
 
 def adjust(
-    model: LensModel, points: Array, pixels: Array, start: Unknowns, tolerance_px: float | None = None
+    model: LensModel,
+    points: Array,
+    pixels: Array,
+    start: Unknowns,
+    *,
+    tolerance_px: float | None = None,
+    most_rounds: int = 100,
 ) -> Minimum[Unknowns]:
     """Find the unknowns of least squares in pixels; the shared covariance is in the order lens, turn (rad), shift.
 
     With a tolerance, corners that are farther off count for less and less (Cauchy's loss).
     """
     linearise: Callable[[Unknowns], Linearised] = partial(_linearise, model, points, pixels, tolerance_px)
-    return minimise(start, linearise, _advance)
+    return minimise(start, linearise, _advance, most_rounds)
 
 
 def residuals(model: LensModel, points: Array, pixels: Array, state: Unknowns) -> Array:

@@ -67,7 +67,10 @@ class Rejection:
 
 @dataclass(frozen=True, slots=True)
 class Detection:
-    """Everything that was seen of the board: frame size, views, corner pairs in the order of the frames, rejections."""
+    """Everything that was seen of the board: frame size, views, corner pairs in the order of the frames, rejections.
+
+    The height is that of one exposure where the views are taken one after the other.
+    """
 
     frame_width: int
     frame_height: int
@@ -113,7 +116,7 @@ def detect(
     if not pairs:
         _explain(frames, views, board, seen)
     assert first is not None
-    return Detection(first[1], first[2], views, tuple(pairs), tuple(rejected))
+    return Detection(first[1], first[2] // views[0].exposures, views, tuple(pairs), tuple(rejected))
 
 
 def _same_size(first: tuple[str, int, int] | None, frame: NamedFrame) -> tuple[str, int, int]:
@@ -129,7 +132,6 @@ def _same_size(first: tuple[str, int, int] | None, frame: NamedFrame) -> tuple[s
 
 
 def _look(frame: NamedFrame, views: tuple[View, View], board: Board) -> dict[Side, Corners | Refusal]:
-    height, width = frame.pixels.shape[:2]
     sides: tuple[Side, Side] = ("left", "right")
     found: dict[Side, Corners | Refusal] = {}
     for side, view in zip(sides, views, strict=True):
@@ -137,7 +139,8 @@ def _look(frame: NamedFrame, views: tuple[View, View], board: Board) -> dict[Sid
         if isinstance(corners, Refusal):
             found[side] = corners
         else:
-            corner_of_view = np.array(view.rectangle(width, height)[:2], np.float64)
+            height, width = frame.pixels.shape[:2]
+            corner_of_view = np.array(view.rectangle(width, height // view.exposures)[:2], np.float64)
             found[side] = Corners(frame.name, side, corners + corner_of_view)
     return found
 

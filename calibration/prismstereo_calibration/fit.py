@@ -27,7 +27,7 @@ _OUTLIER_TIMES, _OUTLIER_PX = 3.0, 0.5
 _MOST_ROUNDS = 6
 _TURNED_DEG = 30.0  # how far a frame's relative pose may be off by noise and the two-fold pose of a flat board
 _TOLERANCE_TIMES, _LEAST_TOLERANCE_PX = 3.0, 0.5
-_ANNEALINGS = 5
+_ANNEALINGS, _ANNEALING_ROUNDS = 5, 30
 _FRAMES_TO_CHOOSE = 12
 _TILT = "tilt the board 20 to 40 degrees in different directions, near and far"
 
@@ -152,7 +152,9 @@ def _annealed(model: LensModel, points: Array, trial: _Trial) -> Unknowns:
         if tolerance > last / 2:
             break
         try:
-            unknowns = adjust(model, points, pixels, unknowns, tolerance).state
+            unknowns = adjust(
+                model, points, pixels, unknowns, tolerance_px=tolerance, most_rounds=_ANNEALING_ROUNDS
+            ).state
         except np.linalg.LinAlgError as error:
             raise CalibrationError(f"the frames do not determine the cameras: {_TILT}") from error
         last = tolerance

@@ -15,10 +15,8 @@ from numpy.typing import NDArray
 
 from prismstereo_calibration.camera import Camera
 from prismstereo_calibration.errors import CalibrationError
+from prismstereo_calibration.nominal import nominal_cameras
 from prismstereo_hw.frame import RawFrame
-from prismstereo_hw.lens import Lens
-from prismstereo_hw.optics.trace import view_fates
-from prismstereo_hw.optics.unfold import FoldedView, fold
 from prismstereo_hw.rig import RangeWish, Rig
 from prismstereo_hw.view import View
 
@@ -31,9 +29,6 @@ Unit = Literal["mm", "square"]
 _ORTHOGONAL = 1e-6
 _LARGEST_SIDE_PX = 16384
 _SMALLEST_VIEW_PX = 16
-_FIT_ROUNDS = 8
-_FIT_GRID = (20, 12)
-_FIT_DEPTHS = 6
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,9 +62,9 @@ class Calibration:
 
     @property
     def focal_px(self) -> float:
-        """Focal length of the rectified pictures: the mean of both cameras' both."""
-        left, right = self.left.lens, self.right.lens
-        return (left.fx_px + left.fy_px + right.fx_px + right.fy_px) / 4
+        """Focal length of the rectified pictures: the mean of both cameras' both, full rows for interlaced views."""
+        pairs = zip((self.left.lens, self.right.lens), self.views, strict=True)
+        return sum(lens.fx_px + lens.fy_px * view.row_step for lens, view in pairs) / 4
 
     @property
     def views(self) -> tuple[View, View]:
@@ -78,16 +73,8 @@ class Calibration:
 
     @classmethod
     def nominal(cls, rig: Rig) -> Calibration:
-        """Return what the rig file promises: the two pinholes that fit its exact optics best over its range.
-
-        Behind a glass plate a view is not quite a pinhole; focal length, two distortion terms and a shift along the
-        axis take up most of it (reference: optics, not a single viewpoint).
-        """
-        left, right = fold(rig, "left"), fold(rig, "right")
-        lens, shift_mm = _fit_pinhole(rig, left)
-        R_left, t_left = left.R, left.view_from_rig(np.zeros(3)) - np.array([0.0, 0.0, shift_mm])
-        R_right, t_right = right.R, right.view_from_rig(np.zeros(3)) - np.array([0.0, 0.0, shift_mm])
-        R = R_right @ R_left.T
+        """Return what the rig file promises: the two pinholes that fit its exact optics best over its range."""
+        left, right = nominal_cameras(rig)
         left_view, right_view = rig.views
         return cls(
             rig=rig.name,
@@ -95,14 +82,16 @@ class Calibration:
             frame_height=rig.camera.video.height,
             left_view=left_view,
             right_view=right_view,
-            left=Camera.at_origin(lens),
-            right=Camera(lens, R, t_right - R @ t_left),
+            left=left,
+            right=right,
             range=rig.range,
+            model="one-lens" if rig.folded("left") else "two-camera",
         )
 
     def require_frame(self, frame: RawFrame) -> None:
         """Refuse a frame of another size or another focus than this calibration was made for."""
-        if (frame.width, frame.height) != (self.frame_width, self.frame_height):
+        exposures = self.left_view.exposures
+        if (frame.width, frame.height) != (self.frame_width, self.frame_height * exposures):
             raise CalibrationError(
                 f"frame {frame.index} is {frame.width}x{frame.height}, but the calibration of {self.rig!r} is for "
                 f"{self.frame_width}x{self.frame_height}: calibrate this mode, or capture in the calibrated one"
@@ -133,12 +122,13 @@ def _check_frame(calibration: Calibration) -> None:
 
 def _check_numbers(calibration: Calibration) -> None:
     width = calibration.frame_width
-    for side, camera in (("left", calibration.left), ("right", calibration.right)):
+    cameras = (("left", calibration.left, calibration.left_view), ("right", calibration.right, calibration.right_view))
+    for side, camera, view in cameras:
         lens = camera.lens
         values = (lens.fx_px, lens.fy_px, lens.cx_px, lens.cy_px, *lens.distortion)
         if not all(math.isfinite(value) for value in values):
             raise CalibrationError(f"{side} camera has a number that is not finite: {lens}: calibrate again")
-        if not (0.1 * width < lens.fx_px < 50 * width and 0.5 * lens.fy_px < lens.fx_px < 2 * lens.fy_px):
+        if not (0.1 * width < lens.fx_px < 50 * width and 0.5 < lens.fx_px / max(lens.fy_px * view.row_step, 1e-9) < 2):
             raise CalibrationError(
                 f"{side} camera has focal lengths {lens.fx_px:.1f}, {lens.fy_px:.1f} px on a frame {width} px wide: "
                 "no lens is like that, calibrate again with more and more tilted views"
@@ -148,9 +138,6 @@ def _check_numbers(calibration: Calibration) -> None:
                 f"{side} camera has its principal point at {lens.cx_px:.1f}, {lens.cy_px:.1f} px, far outside the "
                 f"frame of {width}x{calibration.frame_height}: calibrate again"
             )
-    for side, camera, view in zip(
-        ("left", "right"), (calibration.left, calibration.right), calibration.views, strict=True
-    ):
         if not np.isfinite(camera.lens.slopes(_cross(calibration, view))).all():
             raise CalibrationError(
                 f"{side} camera's distortion {camera.lens.distortion} folds the picture inside its own view: "
@@ -182,43 +169,3 @@ def _check_pose(calibration: Calibration) -> None:
             f"the right camera stands at {np.round(right.centre, 3)} of the left one, not to its right: left and "
             "right are exchanged; give the frames or the layout the other way round"
         )
-
-
-def _fit_pinhole(rig: Rig, view: FoldedView) -> tuple[Lens, float]:
-    """Fit focal length, k1, k2 and an axial shift to the exact optics of a view, by Gauss and Newton's method."""
-    true = rig.lens()
-    points, pixels = _sample(rig, view, true)
-    k1, k2 = rig.camera.distortion
-    parameters = np.array([1.0, k1, k2, 0.0])
-
-    def lens_of(p: Array) -> Lens:
-        focal_px = float(true.fx_px * p[0])
-        return Lens(focal_px, focal_px, true.cx_px, true.cy_px, (float(p[1]), float(p[2]), 0.0, 0.0, 0.0))
-
-    def projected(p: Array) -> Array:
-        return np.asarray(lens_of(p).project(points - np.array([0.0, 0.0, p[3]]))).ravel()
-
-    steps = np.array([1e-6, 1e-5, 1e-5, 1e-4])
-    for _ in range(_FIT_ROUNDS):
-        here = projected(parameters)
-        columns = [(projected(parameters + step * np.eye(4)[i]) - here) / step for i, step in enumerate(steps)]
-        change = np.linalg.lstsq(np.stack(columns, axis=1), pixels.ravel() - here, rcond=None)[0]
-        parameters = parameters + change
-    return lens_of(parameters), float(parameters[3])
-
-
-def _sample(rig: Rig, view: FoldedView, lens: Lens) -> tuple[Array, Array]:
-    """Return points (N, 3) in the view frame, evenly spread over picture and disparity, and their exact pixels (N, 2)."""
-    video = rig.camera.video
-    x, y, w, h = rig.views[0 if view.side == "left" else 1].rectangle(video.width, video.height)
-    columns, rows = np.meshgrid(np.linspace(x, x + w - 1, _FIT_GRID[0]), np.linspace(y, y + h - 1, _FIT_GRID[1]))
-    pixels = np.stack([columns.ravel(), rows.ravel()], axis=-1)
-    slopes = lens.slopes(pixels)
-    kept = view_fates(rig, view.side, slopes).fate == 0
-    if np.count_nonzero(kept) < 0.1 * kept.size:
-        raise CalibrationError(f"rig {rig.name!r} shows next to nothing: see `prismstereo design` for its limits")
-    origin, direction = view.rays(slopes[kept])
-    inverse = np.linspace(1 / rig.range.near_mm, 1 / min(rig.range.far_mm, 100 * rig.range.near_mm), _FIT_DEPTHS)
-    reach = (1 / inverse)[:, None] / direction[:, 2]
-    points = origin + reach[..., None] * direction
-    return view.view_from_rig(points).reshape(-1, 3), np.tile(pixels[kept], (_FIT_DEPTHS, 1))

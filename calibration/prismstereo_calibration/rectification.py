@@ -102,7 +102,8 @@ def rectification(calibration: Calibration, wish: RangeWish | None = None, label
     )
     spans = [_span(camera, view, R, focal_px, calibration) for camera, view, R in views]
     sizes = [view.upright_size(calibration.frame_width, calibration.frame_height) for view in calibration.views]
-    width, height = max(size[0] for size in sizes), max(size[1] for size in sizes)
+    width = max(size[0] for size in sizes)
+    height = max(size[1] * view.row_step for size, view in zip(sizes, calibration.views, strict=True))
     first = _first_column(spans[0][:2], spans[1][:2], width, window)
     cx = (-first, -first + window.offset_px)
     rectified = [RectifiedView(camera, view, R, c) for (camera, view, R), c in zip(views, cx, strict=True)]

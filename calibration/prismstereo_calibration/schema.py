@@ -16,6 +16,7 @@ from typing import Annotated, Literal
 import msgspec
 import numpy as np
 from msgspec import UNSET, Meta, UnsetType
+from msgspec.structs import replace
 
 from prismstereo_calibration.camera import Camera
 from prismstereo_calibration.errors import CalibrationError
@@ -39,11 +40,15 @@ _Distance = Annotated[float, Meta(gt=0, le=1e9)]
 _Fraction = Annotated[float, Meta(ge=0, le=1)]
 _Count = Annotated[int, Meta(ge=0, le=1_000_000)]
 _Size = Annotated[int, Meta(ge=1, le=65536)]
+_Small = Annotated[int, Meta(ge=0, le=8)]
 _Row = tuple[_Cosine, _Cosine, _Cosine]
 
 
-class ViewPart(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """One view's rectangle, as fractions of the frame, and its attitude (see `prismstereo_hw.view`)."""
+class ViewPart(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, omit_defaults=True):
+    """One view's rectangle, as fractions of the frame, and how it stands there (see `prismstereo_hw.view`).
+
+    Rows, exposures and the polygon are left out where the view is all of its rectangle.
+    """
 
     left_fraction: _Fraction
     top_fraction: _Fraction
@@ -51,6 +56,11 @@ class ViewPart(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     height_fraction: _Fraction
     mirrored: bool
     turn_deg: Literal[0, 90, 180, 270]
+    row_start: _Small = 0
+    row_step: _Small = 1
+    exposure: _Small = 0
+    exposures: _Small = 1
+    polygon_fraction: Annotated[tuple[tuple[_Fraction, _Fraction], ...], Meta(max_length=64)] = ()
 
 
 class LensPart(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -112,6 +122,11 @@ def _view_part(view: View) -> ViewPart:
         height_fraction=view.height,
         mirrored=view.mirrored,
         turn_deg=view.turn_deg,
+        row_start=view.row_start,
+        row_step=view.row_step,
+        exposure=view.exposure,
+        exposures=view.exposures,
+        polygon_fraction=view.polygon,
     )
 
 
@@ -123,6 +138,11 @@ def _view(part: ViewPart) -> View:
         height=part.height_fraction,
         mirrored=part.mirrored,
         turn_deg=part.turn_deg,
+        row_start=part.row_start,
+        row_step=part.row_step,
+        exposure=part.exposure,
+        exposures=part.exposures,
+        polygon=part.polygon_fraction,
     )
 
 
@@ -147,14 +167,12 @@ def _lens(part: LensPart) -> Lens:
 
 
 def _sha256(content: CalibrationFile) -> str:
-    return hashlib.sha256(msgspec.json.encode(msgspec.structs.replace(content, sha256=UNSET))).hexdigest()
+    return hashlib.sha256(msgspec.json.encode(replace(content, sha256=UNSET))).hexdigest()
 
 
 def to_file(calibration: Calibration) -> CalibrationFile:
     """Turn a calibration into its file form, the sha256 of the content included."""
     left, right, wish = calibration.left, calibration.right, calibration.range
-    if np.any(left.R_camera_from_left != np.eye(3)) or np.any(left.t_camera_from_left):
-        raise CalibrationError("the left camera does not stand at the origin: make it with Camera.at_origin")
     suffix = "mm" if calibration.unit == "mm" else "squares"
     lengths = {
         f"t_right_from_left_{suffix}": tuple(right.t_camera_from_left.tolist()),
@@ -179,8 +197,8 @@ def to_file(calibration: Calibration) -> CalibrationFile:
         rms_px=None if calibration.rms_px is None else float(calibration.rms_px),
         views_used=calibration.views_used,
     )
-    content = msgspec.structs.replace(content, **lengths)
-    return msgspec.structs.replace(content, sha256=_sha256(content))
+    content = replace(content, **lengths)
+    return replace(content, sha256=_sha256(content))
 
 
 def _lengths(content: CalibrationFile) -> tuple[tuple[float, float, float], float, float]:
@@ -242,7 +260,7 @@ def encode(calibration: Calibration) -> bytes:
         again = _decoder.decode(text)
     except msgspec.ValidationError as error:
         raise CalibrationError(f"this calibration cannot be kept in a file: {error}") from error
-    if again != content:  # JSON has null for what is not finite
+    if again != content:  # JSON writes null for what is not finite
         raise CalibrationError("this calibration cannot be kept in a file: it has a number that is not finite")
     return text
 

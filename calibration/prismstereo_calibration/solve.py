@@ -82,22 +82,23 @@ def solve(
     fit = fit_frames(detection, board, start)
     calibration = _calibration(fit, board, start, rig)
     _require_rig(calibration, rig)
+    wish = wish or _range(calibration, rig)
+    return _account(replace(calibration, range=wish, lens_position=lens_position), start, fit)
+
+
+def _account(calibration: Calibration, start: Start, fit: Fit) -> Solution:
+    """Put a calibration and what is left over of its fit together."""
+    used = tuple(pair.name for pair in fit.detection.pairs)
     square = np.sum(fit.residuals_px**2, axis=-1)
     left_px, right_px = np.sqrt(square.mean(axis=(0, 2)))
     rms_px = float(np.sqrt(square.mean()))
     return Solution(
-        calibration=replace(
-            calibration,
-            range=wish or _range(calibration, rig),
-            lens_position=lens_position,
-            rms_px=rms_px,
-            views_used=len(fit.detection.pairs),
-        ),
+        calibration=replace(calibration, rms_px=rms_px, views_used=len(used)),
         rms_px=rms_px,
         rms_left_px=float(left_px),
         rms_right_px=float(right_px),
         frame_rms_px=np.sqrt(square.mean(axis=(1, 2))),
-        used=tuple(pair.name for pair in fit.detection.pairs),
+        used=used,
         rejected=fit.rejected,
         corners_px=fit.detection.pixels(),
         residuals_px=fit.residuals_px,
@@ -113,28 +114,30 @@ def _start(detection: Detection, board: Board, rig: Rig | None, name: Model) -> 
     model = one_lens.model(views, width, height) if name == "one-lens" else two_camera.model()
     require_frames(len(detection.pairs), model, detection.rejected)
     if rig is not None:
-        lens, right = _promise(rig, detection)
-        own = one_lens.own_numbers(lens) if name == "one-lens" else two_camera.own_numbers(lens, lens)
-        return Start(model, (own,), right if board.unit == "mm" else None)
+        left, right, pose = _promise(rig, detection)
+        return Start(model, (model.own(left, right),), pose if board.unit == "mm" else None)
     points, pixels = board.points(), detection.pixels()
     if name == "one-lens":
         return Start(model, (one_lens.seed(points, pixels, views, width, height),), None)
     return Start(model, two_camera.seeds(points, pixels, views, width, height), None)
 
 
-def _promise(rig: Rig, detection: Detection) -> tuple[Lens, Pose]:
-    """Return the rig's lens on frames of this size, and the pose it promises; refuse frames that are not the rig's."""
+def _promise(rig: Rig, detection: Detection) -> tuple[Lens, Lens, Pose]:
+    """Return the lenses of the rig's views on frames of this size and the pose it promises; refuse other frames."""
     if detection.views != rig.views:
         raise UsageError(f"the views are not those of rig {rig.name!r}: leave --layout out where a rig is given")
     size = detection.frame_width, detection.frame_height
     nominal = Calibration.nominal(rig)
     pose = Pose(nominal.right.R_camera_from_left, nominal.right.t_camera_from_left)
     video, still = rig.camera.video, rig.camera.still
+    left, right = nominal.left.lens, nominal.right.lens
     if size == (video.width, video.height):
-        return nominal.left.lens, pose
-    if size == (still.width, still.height):
-        lens = nominal.left.lens.scaled(still.width / video.width)
-        return replace(lens, cy_px=rig.lens(still).cy_px), pose
+        return left, right, pose
+    if size == (still.width, still.height):  # as wide a field on another grid, and taller
+        left, right = (
+            replace(lens.scaled(still.width / video.width), cy_px=rig.lens(still).cy_px) for lens in (left, right)
+        )
+        return left, right, pose
     raise CalibrationError(
         f"the frames are {size[0]}x{size[1]}, but rig {rig.name!r} takes {video.width}x{video.height} (video) and "
         f"{still.width}x{still.height} (stills): give frames as the camera delivers them, or another rig"
@@ -182,7 +185,7 @@ def _range(calibration: Calibration, rig: Rig | None) -> RangeWish:
     """Return the rig's range where it is in this unit, else what the labels reach, up to infinity."""
     if rig is not None and calibration.unit == "mm":
         return rig.range
-    scale = calibration.left.lens.fx_px * calibration.baseline
+    scale = calibration.focal_px * calibration.baseline
     near = scale / (_LABELS - 2 - 1) * _NEAREST_SLACK
     window = DisparityWindow.between(scale, near, np.inf, _LABELS)
     return RangeWish(near_mm=near, far_mm=np.inf, labels=window.labels)

@@ -16,11 +16,11 @@ from prismstereo_calibration import one_lens
 from prismstereo_calibration.bundle import LensModel
 from prismstereo_calibration.errors import CalibrationError
 from prismstereo_calibration.first_guess import guess_lens, spread
-from prismstereo_calibration.projection import LENS_NUMBERS, numbers_of
+from prismstereo_calibration.projection import LENS_NUMBERS
 from prismstereo_hw.lens import Lens
 from prismstereo_hw.view import View
 
-__all__ = ["model", "own_numbers", "seeds"]
+__all__ = ["model", "seeds"]
 
 Array = NDArray[np.float64]
 _FEWEST_FRAMES = 3
@@ -32,11 +32,6 @@ def model() -> LensModel:
     one, none = np.eye(LENS_NUMBERS), np.zeros((LENS_NUMBERS, LENS_NUMBERS))
     constant = np.zeros(LENS_NUMBERS)
     return LensModel("two-camera", np.hstack([one, none]), constant, np.hstack([none, one]), constant, _FEWEST_FRAMES)
-
-
-def own_numbers(left: Lens, right: Lens) -> Array:
-    """Return the 18 numbers of two lenses."""
-    return np.concatenate([numbers_of(left), numbers_of(right)])
 
 
 def seeds(
@@ -56,11 +51,11 @@ def seeds(
         except CalibrationError as error:
             failure = error
         else:
-            found.append(own_numbers(left, right))
+            found.append(model().own(left, right))
     if not any(view.turn_deg for view in views):
         with contextlib.suppress(CalibrationError):
             shared = one_lens.seed(points, pixels, views, frame_width, frame_height)
-            found.append(own_numbers(*one_lens.model(views, frame_width, frame_height).lenses(shared)))
+            found.append(model().own(*one_lens.model(views, frame_width, frame_height).lenses(shared)))
     if not found and failure is not None:
         raise failure
     return tuple(found)

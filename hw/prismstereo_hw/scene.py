@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from prismstereo_hw.errors import UsageError
-from prismstereo_hw.optics.figures import common_width_mm
+from prismstereo_hw.optics.figures import common_strip_mm, common_width_mm
+from prismstereo_hw.optics.outlook import outlook
+from prismstereo_hw.optics.sight import sight
 from prismstereo_hw.optics.trace import view_fates
-from prismstereo_hw.optics.unfold import fold
 from prismstereo_hw.rig import Rig
 from prismstereo_hw.texture import Checkered, Noise, Texture
 from prismstereo_hw.view import Side
@@ -26,7 +27,7 @@ Array = NDArray[np.float64]
 
 SCENES = {
     "plane:MM": "one textured plane facing the rig at a distance, e.g. plane:500",
-    "desk": "boxes' faces between the near end of the range and three times as far, one of them moving, a wall behind",
+    "desk": "boxes' faces between the near end of the range and up to three times as far, one of them moving, a wall behind",
     "board:MM": "a chessboard of 9x7 corners facing the rig at a distance, a wall behind",
 }
 
@@ -102,20 +103,24 @@ def _facing(
     rig: Rig, name: str, centre: tuple[float, float, float], half: tuple[float, float], seed: int,
     velocity: tuple[float, float, float] = (0.0, 0.0, 0.0), mean: float = 120.0,
 ) -> Rectangle:  # fmt: skip
+    """Make a rectangle that faces the rig; centre and velocity are those of the scene frame."""
+    looking = outlook(rig)
+    x, y, _ = (looking.R_rig_from_scene @ axis for axis in np.eye(3))
+    dx, dy, dz = looking.R_rig_from_scene @ np.array(velocity)
     return Rectangle(
         name=name,
-        centre_mm=np.array(centre),
-        u=np.array([1.0, 0.0, 0.0]),
-        v=np.array([0.0, 1.0, 0.0]),
+        centre_mm=looking.to_rig(np.array(centre)),
+        u=x,
+        v=y,
         half_u_mm=half[0],
         half_v_mm=half[1],
         texture=Noise(seed=seed, texel_mm=_texel_mm(rig, centre[2]), mean=mean),
-        velocity_mm_s=velocity,
+        velocity_mm_s=(float(dx), float(dy), float(dz)),
     )
 
 
 def facing_plane(rig: Rig, distance_mm: float, seed: int = 1) -> Scene:
-    """Return one endless textured plane at z = `distance_mm` of the rig frame."""
+    """Return one endless textured plane at z = `distance_mm` of the scene frame (see `optics.outlook`)."""
     return Scene(f"plane:{distance_mm:g}", (_facing(rig, "plane", (0.0, 0.0, distance_mm), (np.inf, np.inf), seed),))
 
 
@@ -139,20 +144,24 @@ def board(columns: int, rows: int, square_mm: float, R: Array, t_mm: Array, *, n
 
 
 def desk(rig: Rig, seed: int = 1) -> Scene:
-    """Return a small still life: three faces between the near end of the range and twice as far, one of them moving."""
+    """Return a small still life within the rig's range: three faces, one of them moving, and a wall behind them."""
     near = 1.25 * rig.range.near_mm
+    depth = max(1.1, min(3.0, 0.8 * rig.range.far_mm / near))  # of the wall, as a multiple of the nearest face
     size = near * math.tan(math.radians(rig.camera.hfov_deg / 4))
+    book, screen, wall = (near * depth**part for part in (0.24, 0.535, 1.0))
+    x = [sum(common_strip_mm(rig, z)) / 2 for z in (near, book, screen)]  # the middle of what both views see
     return Scene(
         "desk",
         (
             _facing(
-                rig, "box", (-0.25 * size, 0.2 * size, near), (0.22 * size, 0.28 * size), seed, (0.2 * size, 0, 0), 165
+                rig, "box", (x[0] - 0.25 * size, 0.2 * size, near), (0.22 * size, 0.28 * size), seed,
+                (0.2 * size, 0.0, 0.0), 165,
             ),
-            _facing(rig, "book", (0.45 * size, -0.1 * size, 1.3 * near), (0.3 * size, 0.25 * size), seed + 1, mean=90),
-            _facing(rig, "screen", (0.0, -0.3 * size, 1.8 * near), (0.9 * size, 0.6 * size), seed + 2, mean=140),
-            _facing(rig, "wall", (0.0, 0.0, 3.0 * near), (np.inf, np.inf), seed + 3),
+            _facing(rig, "book", (x[1] + 0.45 * size, -0.1 * size, book), (0.3 * size, 0.25 * size), seed + 1, mean=90),
+            _facing(rig, "screen", (x[2], -0.3 * size, screen), (0.9 * size, 0.6 * size), seed + 2, mean=140),
+            _facing(rig, "wall", (0.0, 0.0, wall), (np.inf, np.inf), seed + 3),
         ),
-    )
+    )  # fmt: skip
 
 
 def named(rig: Rig, name: str, seed: int = 1) -> Scene:
@@ -173,17 +182,24 @@ def named(rig: Rig, name: str, seed: int = 1) -> Scene:
             )
         if kind == "plane":
             return facing_plane(rig, distance_mm, seed)
-        square = board_square_mm(rig, distance_mm)
-        first = np.array([-4 * square, -3 * square, distance_mm])
+        square, looking = board_square_mm(rig, distance_mm), outlook(rig)
+        middle = sum(common_strip_mm(rig, distance_mm)) / 2
+        first = looking.to_rig(np.array([middle - 4 * square, -3 * square, distance_mm]))
         wall = _facing(rig, "wall", (0.0, 0.0, 1.4 * distance_mm), (np.inf, np.inf), seed)
-        return Scene(name, (board(9, 7, square, np.eye(3), first), wall))
+        return Scene(name, (board(9, 7, square, looking.R_rig_from_scene, first), wall))
     raise UsageError(f"there is no scene {name!r}: choose one of {', '.join(SCENES)}")
 
 
 def _front_mm(rig: Rig) -> float:
-    """Return how far the rig itself reaches: the prism's apex or the mirrors' far edges."""
-    rise = rig.mirrors.length_mm * math.sin(math.radians(rig.mirrors.angle_deg))
-    return rig.prism.pupil_to_prism_mm + max(rig.prism.height_mm, rig.mirrors.offset_mm + rise)
+    """Return how far the rig itself reaches towards the scene: its lens, or the farthest corner of a prism or mirror."""
+    looking = outlook(rig)
+    corners = [looking.to_scene(np.zeros(3))] + [
+        looking.to_scene(part.centre_mm + s * part.half_along_mm * part.along)
+        for side in ("left", "right")
+        for part in rig.surfaces(side)
+        for s in (-1, 1)
+    ]
+    return max(1.0, *(float(corner[2]) for corner in corners))
 
 
 def board_square_mm(rig: Rig, distance_mm: float, columns: int = 9) -> float:
@@ -197,7 +213,8 @@ def board_poses(
     """Return seeded poses (square_mm, R, t_mm) of a calibration board, all corners in both views of the rig."""
     rng = np.random.default_rng(seed)
     near = rig.range.near_mm
-    square = board_square_mm(rig, 1.05 * near, columns)
+    looking, square = outlook(rig), board_square_mm(rig, 1.05 * near, columns)
+    centre_x = sum(common_strip_mm(rig, 1.2 * near)) / 2
     grid = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), -1).reshape(-1, 2) * square
     flat = np.column_stack([grid, np.zeros(len(grid))])
     poses: list[tuple[float, Array, Array]] = []
@@ -207,7 +224,9 @@ def board_poses(
         tilt = np.radians(rng.uniform([-30, -30, -12], [30, 30, 12]))
         R = _rotation(tilt)
         middle = np.array([*rng.uniform(-0.45, 0.45, 2) * near, near * rng.uniform(0.95, 1.5)])
-        t = middle - R @ flat.mean(axis=0)
+        middle[0] += centre_x
+        R = looking.R_rig_from_scene @ R
+        t = looking.to_rig(middle) - R @ flat.mean(axis=0)
         if all(_in_view(rig, side, flat @ R.T + t) for side in ("left", "right")):
             poses.append((square, R, t))
     raise UsageError(f"no {count} board poses fit the common field of rig {rig.name!r}: see `prismstereo design`")
@@ -216,7 +235,7 @@ def board_poses(
 def _in_view(rig: Rig, side: Side, points: Array) -> bool:
     """Tell whether points (N, 3) of the rig frame are well inside a view: off its border, off the seam, lit."""
     video = rig.camera.video
-    slopes = fold(rig, side).slopes(points)
+    slopes = sight(rig, side).slopes(points)
     pixels = rig.lens().project_slopes(slopes)
     x, y, w, h = rig.views[0 if side == "left" else 1].rectangle(video.width, video.height)
     margin = 0.02 * video.width

@@ -32,7 +32,7 @@ from prismstereo_hw import pfm
 from prismstereo_hw.errors import DataError, SessionError
 from prismstereo_hw.files import read_array, read_picture, write_whole
 from prismstereo_hw.frame import RawFrame
-from prismstereo_hw.optics.unfold import fold
+from prismstereo_hw.optics.sight import sight
 from prismstereo_hw.rig import Rig
 from prismstereo_hw.twin import Truth
 
@@ -220,20 +220,24 @@ def _png(pixels: NDArray[np.uint8]) -> bytes:
 
 
 def _true_lens(rig: Rig) -> dict[str, object]:
-    """Describe the true lens (raw video pixels) and the paraxial pinholes: X_right = R X_left + t, millimetres."""
-    lens, left, right = rig.lens(), fold(rig, "left"), fold(rig, "right")
-    R = right.R @ left.R.T
-    t = R @ left.view_from_rig(right.paraxial_centre_mm)
+    """Describe the true lens (raw video pixels) and the virtual pinholes: X_right = R X_left + t, millimetres.
+
+    Both view frames are those of the raw picture, so the frame of a mirrored view is left-handed.
+    """
+    lens, left, right = rig.lens(), sight(rig, "left"), sight(rig, "right")
+    R, folded = right.R @ left.R.T, rig.folded("left")
+    t = R @ left.view_from_rig(right.centre_mm)
     return {
         "focal_px": lens.fx_px,
         "cx_px": lens.cx_px,
         "cy_px": lens.cy_px,
         "distortion": list(lens.distortion),
-        "plate_mm": left.plate_mm,
-        "plate_index": left.index,
+        "closed_form": folded is not None,
+        "plate_mm": folded.plate_mm if folded else 0.0,
+        "plate_index": folded.index if folded else 1.0,
         "R_right_from_left": R.tolist(),
         "t_right_from_left_mm": (-t).tolist(),
         "baseline_mm": float(np.linalg.norm(t)),
-        "left_centre_in_rig_mm": left.paraxial_centre_mm.tolist(),
-        "right_centre_in_rig_mm": right.paraxial_centre_mm.tolist(),
+        "left_centre_in_rig_mm": left.centre_mm.tolist(),
+        "right_centre_in_rig_mm": right.centre_mm.tolist(),
     }

@@ -1,6 +1,6 @@
 """The figures of a rig: what its optics promise, from exact rays of the middle row.
 
-Angles are from the rig's z axis, positive towards the axis of symmetry; distances are from the entrance pupil.
+Angles are from the z axis of the scene frame (see `outlook`), positive to the right; distances are along it.
 """
 
 from __future__ import annotations
@@ -13,11 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from prismstereo_hw.errors import RigError
+from prismstereo_hw.optics.outlook import Outlook, outlook
+from prismstereo_hw.optics.sight import best_common_point, sight
 from prismstereo_hw.optics.trace import view_fates
-from prismstereo_hw.optics.unfold import fold
 from prismstereo_hw.rig import Rig
+from prismstereo_hw.view import Side
 
-__all__ = ["DISTANCES_MM", "RigFigures", "common_width_mm", "figures", "kept_slopes"]
+__all__ = ["DISTANCES_MM", "RigFigures", "common_strip_mm", "common_width_mm", "figures", "kept_slopes"]
 
 Array = NDArray[np.float64]
 DISTANCES_MM = (500.0, 1000.0, 2000.0)
@@ -35,7 +37,7 @@ class RigFigures:
     baseline_mm: float  # between the best common points of each view's rays
     baseline_paraxial_mm: float
     vergence_deg: float  # between the middles of the two views' fields
-    half_field_deg: tuple[float, float]
+    half_field_deg: tuple[float, float]  # left and right edge of the left view
     focal_px: float
     columns_kept: float
     seam_px: float
@@ -48,49 +50,78 @@ class RigFigures:
     lost: dict[str, float]  # why columns are lost, and what share
 
 
-def kept_slopes(rig: Rig) -> tuple[Array, dict[str, float]]:
-    """Return the slopes (N, 2) of the left view's middle-row pixels through which light comes, and why others are lost."""
+def kept_slopes(rig: Rig, side: Side = "left") -> tuple[Array, dict[str, float]]:
+    """Return the slopes (N, 2) of a view's middle-row pixels through which light comes, and why others are lost."""
     lens, video = rig.lens(), rig.camera.video
-    x, _, w, _ = rig.views[0].rectangle(video.width, video.height)
+    x, _, w, _ = rig.views[0 if side == "left" else 1].rectangle(video.width, video.height)
     columns = np.arange(x, x + w, dtype=float)
     slopes = lens.slopes(np.stack([columns, np.full_like(columns, lens.cy_px)], axis=-1))
-    traced = view_fates(rig, "left", slopes)
+    traced = view_fates(rig, side, slopes)
     lost = {
         why: float(np.mean(traced.fate == index))
         for index, why in enumerate(traced.fates)
         if index and (traced.fate == index).any()
     }
-    kept = slopes[(traced.fate == 0) & (slopes[:, 0] > 0)]
+    kept = slopes[traced.fate == 0]
     if len(kept) < 2:
         raise RigError(f"rig {rig.name!r} shows nothing: every column {' or '.join(lost)}")
     return kept, lost
 
 
+@dataclass(frozen=True, slots=True)
+class _Fan:
+    """The middle row of one view in the scene frame: its common point, its field (left edge, right edge), its rays."""
+
+    centre_mm: Array
+    residual_mm: float
+    field_deg: tuple[float, float]
+    origin: Array
+    direction: Array
+
+    def reach(self, z_mm: float) -> tuple[float, float]:
+        """Return the x of the field's edges at a distance, seen from the common point."""
+        span = z_mm - self.centre_mm[2]
+        low, high = (float(self.centre_mm[0]) + span * math.tan(math.radians(angle)) for angle in self.field_deg)
+        return low, high
+
+    def exact_reach(self, z_mm: float) -> tuple[float, float]:
+        """Return the x of the outermost rays themselves at a distance."""
+        x = self.origin[:, 0] + (z_mm - self.origin[:, 2]) / self.direction[:, 2] * self.direction[:, 0]
+        return float(x.min()), float(x.max())
+
+
+def _fan(rig: Rig, side: Side, looking: Outlook) -> _Fan:
+    slopes, _ = kept_slopes(rig, side)
+    origin, direction = sight(rig, side).rays(slopes)
+    o, d = looking.to_scene(origin), direction @ looking.R_rig_from_scene
+    centre, distances = best_common_point(o, d)
+    angle = np.degrees(np.arctan2(d[:, 0], d[:, 2]))
+    return _Fan(centre, float(distances.max()), (float(angle.min()), float(angle.max())), o, d)
+
+
 def figures(rig: Rig) -> RigFigures:
     """Compute the figures of a rig; `RigError` for one that shows nothing."""
+    looking = outlook(rig)
+    left, right = _fan(rig, "left", looking), _fan(rig, "right", looking)
     slopes, lost = kept_slopes(rig)
-    view = fold(rig, "left")
-    origin, direction = view.rays(slopes)
-    centre, residual = _best_common_point(origin, direction)
-    angle = np.degrees(np.arctan2(direction[:, 0], direction[:, 2]))
-    field = float(angle.min()), float(angle.max())
-    baseline = -2 * centre[0]
+    baseline = float(np.linalg.norm(right.centre_mm - left.centre_mm))
+    pinholes = [sight(rig, side).centre_mm for side in ("left", "right")]
     focal_px = rig.lens().fx_px
-    begin, end = _overlap(centre, field)
+    begin, end = _overlap(left, right)
     return RigFigures(
         rig=rig.name,
         baseline_mm=baseline,
-        baseline_paraxial_mm=float(-2 * view.paraxial_centre_mm[0]),
-        vergence_deg=field[0] + field[1],
-        half_field_deg=field,
+        baseline_paraxial_mm=float(np.linalg.norm(pinholes[1] - pinholes[0])),
+        vergence_deg=(sum(left.field_deg) - sum(right.field_deg)) / 2,
+        half_field_deg=left.field_deg,
         focal_px=focal_px,
         columns_kept=len(slopes) / rig.views[0].rectangle(rig.camera.video.width, rig.camera.video.height)[2],
         seam_px=_seam_px(rig),
-        viewpoint_residual_mm=residual,
-        viewpoint_mm=(centre[0], centre[1]),
+        viewpoint_residual_mm=max(left.residual_mm, right.residual_mm),
+        viewpoint_mm=(float(left.centre_mm[0]), float(left.centre_mm[2])),
         overlap_from_mm=begin,
         overlap_to_mm=end,
-        common_width_mm={f"{z:.0f}": _common_width(centre, field, z) for z in DISTANCES_MM},
+        common_width_mm={f"{z:.0f}": _common_width(left.reach(z), right.reach(z)) for z in DISTANCES_MM},
         depth_step_mm={f"{z:.0f}": z * z * _QUARTER_PIXEL / (focal_px * baseline) for z in DISTANCES_MM},
         lost=lost,
     )
@@ -98,46 +129,36 @@ def figures(rig: Rig) -> RigFigures:
 
 def common_width_mm(rig: Rig, distance_mm: float) -> float:
     """Return how wide a strip, in the middle row at a distance, both views see; 0 where they do not overlap."""
-    slopes, _ = kept_slopes(rig)
-    origin, direction = fold(rig, "left").rays(slopes)
-    x = origin[:, 0] + (distance_mm - origin[:, 2]) / direction[:, 2] * direction[:, 0]
-    return max(0.0, 2 * float(min(x.max(), -x.min())))
+    low, high = common_strip_mm(rig, distance_mm)
+    return max(0.0, high - low)
 
 
-def _best_common_point(origin: Array, direction: Array) -> tuple[tuple[float, float], float]:
-    """Return x, z of the point nearest to all rays of the middle row (least squares), and the farthest ray's distance."""
-    o, d = origin[:, [0, 2]], direction[:, [0, 2]]
-    d = d / np.linalg.norm(d, axis=1, keepdims=True)
-    projectors = np.eye(2) - d[:, :, None] * d[:, None, :]
-    point = np.linalg.solve(projectors.sum(axis=0), np.einsum("nij,nj->i", projectors, o))
-    residual = np.linalg.norm(np.einsum("nij,nj->ni", projectors, point - o), axis=1)
-    return (float(point[0]), float(point[1])), float(residual.max())
+def common_strip_mm(rig: Rig, distance_mm: float) -> tuple[float, float]:
+    """Return where that strip begins and ends, x in the scene frame; begin >= end where the views do not overlap."""
+    looking = outlook(rig)
+    reaches = [_fan(rig, side, looking).exact_reach(distance_mm) for side in ("left", "right")]
+    return max(reach[0] for reach in reaches), min(reach[1] for reach in reaches)
 
 
-def _reach(centre: tuple[float, float], field: tuple[float, float], z_mm: float) -> tuple[float, float]:
-    """Return the left view's borders at a distance: x of its outer and its inner edge."""
-    span = z_mm - centre[1]
-    return centre[0] + span * math.tan(math.radians(field[0])), centre[0] + span * math.tan(math.radians(field[1]))
+def _common_width(left: tuple[float, float], right: tuple[float, float]) -> float:
+    return max(0.0, min(left[1], right[1]) - max(left[0], right[0]))
 
 
-def _common_width(centre: tuple[float, float], field: tuple[float, float], z_mm: float) -> float:
-    outer, inner = _reach(centre, field, z_mm)
-    return max(0.0, 2 * min(inner, -outer))
-
-
-def _overlap(centre: tuple[float, float], field: tuple[float, float]) -> tuple[float, float]:
-    """Return the distances between which at least half of a view's width is common; end may be inf."""
+def _overlap(left: _Fan, right: _Fan) -> tuple[float, float]:
+    """Return the distances between which at least half of the narrower view's width is common; end may be inf."""
 
     def enough(z: float) -> bool:
-        outer, inner = _reach(centre, field, z)
-        return _common_width(centre, field, z) >= 0.5 * (inner - outer)
+        one, other = left.reach(z), right.reach(z)
+        return _common_width(one, other) >= 0.5 * min(one[1] - one[0], other[1] - other[0])
 
-    grid = np.geomspace(1.0, _FAR_MM, 4000).tolist()
+    nearest = max(1.0, float(left.centre_mm[2]) + 1, float(right.centre_mm[2]) + 1)
+    grid = np.geomspace(nearest, _FAR_MM, 4000).tolist()
     good = [z for z in grid if enough(z)]
     if not good:
         return math.inf, math.inf
-    begin = _bisect(enough, good[0] / (grid[1] / grid[0]), good[0])
-    end = math.inf if good[-1] == grid[-1] else _bisect(lambda z: not enough(z), good[-1], good[-1] * grid[1] / grid[0])
+    step = grid[1] / grid[0]
+    begin = good[0] if good[0] == grid[0] else _bisect(enough, good[0] / step, good[0])
+    end = math.inf if good[-1] == grid[-1] else _bisect(lambda z: not enough(z), good[-1], good[-1] * step)
     return begin, end
 
 
@@ -151,11 +172,12 @@ def _bisect(holds: Callable[[float], bool], low: float, high: float) -> float:
 def _seam_px(rig: Rig) -> float:
     """Width in video columns where less than 90 % of the pupil looks through the proper mirror: the ghosted band.
 
-    The pupil, seen from the prism's apex through the glass, is a disc of diameter D that the apex cuts at the column's
-    own height; the share beyond the cut is a circular segment.
+    The pupil, seen from the edge that divides the views (the prism's apex, through the glass), is a disc of diameter D that
+    the edge cuts at the column's own height; the share beyond the cut is a circular segment.
     """
-    prism, lens = rig.prism, rig.lens()
-    whole = lens.fx_px * rig.camera.pupil_diameter_mm / (prism.pupil_to_prism_mm + prism.height_mm / prism.index)
+    if rig.split_edge_mm is None:
+        return 0.0
+    whole = rig.lens().fx_px * rig.camera.pupil_diameter_mm / rig.split_edge_mm
 
     def proper(cut: float) -> bool:  # cut: 0 at the middle of the disc, 1 at its rim
         return 1 - (math.acos(cut) - cut * math.sqrt(1 - cut * cut)) / math.pi >= _PROPER_LIGHT

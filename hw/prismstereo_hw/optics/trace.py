@@ -7,37 +7,20 @@ reflected where that was counted on.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from prismstereo_hw.optics.unfold import mirror_plane
-from prismstereo_hw.rig import Rig
+from prismstereo_hw.optics.surfaces import Surface
 from prismstereo_hw.view import Side
 
-__all__ = ["Surface", "Traced", "surfaces", "trace", "view_fates"]
+if TYPE_CHECKING:
+    from prismstereo_hw.rig import Rig
+
+__all__ = ["Traced", "trace", "view_fates"]
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True, slots=True)
-class Surface:
-    """A rectangle in the rig frame that refracts, reflects, or reflects totally.
-
-    `along` and `across` are unit vectors in the plane (3,); the rectangle reaches `half_along_mm` and `half_across_mm`
-    from `centre_mm`. Indices are those before and after a refracting surface, and inside a totally reflecting one.
-    """
-
-    name: str
-    action: Literal["refract", "reflect", "total"]
-    centre_mm: Array
-    along: Array
-    across: Array
-    half_along_mm: float
-    half_across_mm: float
-    index_before: float = 1.0
-    index_after: float = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,32 +35,6 @@ class Traced:
     direction: Array
     fate: NDArray[np.uint8]
     fates: tuple[str, ...]
-
-
-def surfaces(rig: Rig, side: Side) -> tuple[Surface, ...]:
-    """Return what a viewpoint's rays meet on their way out: base, reflecting face, exit face, mirror."""
-    prism, mirrors = rig.prism, rig.mirrors
-    s = -1.0 if side == "left" else 1.0  # side of the mirror; the reflecting face is the other one
-    y = np.array([0.0, 1.0, 0.0])
-    n, half_length = prism.index, prism.length_mm / 2
-    base = Surface(
-        "prism base", "refract", np.array([0.0, 0.0, prism.pupil_to_prism_mm]), np.array([1.0, 0.0, 0.0]), y,
-        prism.side_mm / 2, half_length, 1.0, n,
-    )  # fmt: skip
-
-    def face(outward: float, name: str, action: Literal["refract", "total"], after: float) -> Surface:
-        middle = np.array([outward * prism.side_mm / 4, 0.0, prism.pupil_to_prism_mm + prism.height_mm / 2])
-        along = np.array([-outward * 0.5, 0.0, np.sqrt(3) / 2])
-        return Surface(name, action, middle, along, y, prism.side_mm / 2, half_length, n, after)
-
-    plane = mirror_plane(rig, side)
-    mu = np.radians(mirrors.angle_deg)
-    along = np.array([s * np.cos(mu), 0.0, np.sin(mu)])
-    mirror = Surface(
-        f"{side} mirror", "reflect", plane.point_mm + along * mirrors.length_mm / 2, along,
-        np.cross(plane.normal, along), mirrors.length_mm / 2, mirrors.height_mm / 2,
-    )  # fmt: skip
-    return (base, face(-s, "reflecting face", "total", n), face(s, "exit face", "refract", 1.0), mirror)
 
 
 def _refract(direction: Array, normal: Array, ratio: float) -> tuple[Array, NDArray[np.bool_]]:
@@ -103,7 +60,7 @@ def trace(surfaces: tuple[Surface, ...], point_mm: Array, direction: Array) -> T
         fate[where & (fate == 0)] = len(fates) - 1
 
     for surface in surfaces:
-        normal = np.cross(surface.along, surface.across)
+        normal = surface.normal
         with np.errstate(divide="ignore", invalid="ignore"):
             distance = ((surface.centre_mm - point) @ normal) / (direction @ normal)
             point = point + distance[..., None] * direction
@@ -128,4 +85,4 @@ def view_fates(rig: Rig, side: Side, slopes: Array) -> Traced:
     """Trace the real lens' ideal slopes (..., 2) through one view of a rig, from the entrance pupil."""
     direction = np.concatenate([slopes, np.ones_like(slopes[..., :1])], axis=-1)
     direction /= np.linalg.norm(direction, axis=-1, keepdims=True)
-    return trace(surfaces(rig, side), np.zeros(3), direction)
+    return trace(rig.surfaces(side), np.zeros(3), direction)

@@ -11,56 +11,24 @@ Frames. *rig*: see `rig`. *view*: the unfolded camera, origin in the paraxial pi
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from prismstereo_hw.rig import Rig
+from prismstereo_hw.errors import RigError
+from prismstereo_hw.optics.surfaces import Surface
 from prismstereo_hw.view import Side
 
-__all__ = ["FoldedView", "Plane", "fold", "mirror_plane", "reflecting_face"]
+if TYPE_CHECKING:
+    from prismstereo_hw.rig import Rig
+
+__all__ = ["FoldedView", "fold", "unfold_mirrors"]
 
 Array = NDArray[np.float64]
 _NEWTON_ROUNDS = 12
 _NEWTON_TOLERANCE = 1e-14
-
-
-@dataclass(frozen=True, slots=True)
-class Plane:
-    """A plane in the rig frame: a point on it (3,) in mm and its unit normal (3,)."""
-
-    point_mm: Array
-    normal: Array
-
-    def reflection(self) -> tuple[Array, Array]:
-        """Return A (3, 3) and b (3,) with X_reflected = A X + b."""
-        A = np.eye(3) - 2 * np.outer(self.normal, self.normal)
-        return A, 2 * self.normal * float(self.normal @ self.point_mm)
-
-
-def _outward(side: Side) -> float:
-    return -1.0 if side == "left" else 1.0
-
-
-def mirror_plane(rig: Rig, side: Side) -> Plane:
-    """Return the mirror through which a viewpoint looks, its normal towards the axis."""
-    mirrors = rig.mirrors
-    mu = math.radians(mirrors.angle_deg)
-    tip = math.radians(mirrors.left_tip_deg if side == "left" else mirrors.right_tip_deg)
-    s = _outward(side)
-    level = np.array([-s * math.sin(mu), 0.0, math.cos(mu)])  # normal of the mirror as drawn
-    normal = math.cos(tip) * level + math.sin(tip) * np.array([0.0, 1.0, 0.0])
-    point = np.array([s * mirrors.near_edge_mm, 0.0, rig.prism.pupil_to_prism_mm + mirrors.offset_mm])
-    return Plane(point, normal)
-
-
-def reflecting_face(rig: Rig, side: Side) -> Plane:
-    """Return the prism face that reflects a viewpoint's rays: the one on the other side, hence crossed views."""
-    s = -_outward(side)
-    apex = np.array([0.0, 0.0, rig.prism.pupil_to_prism_mm + rig.prism.height_mm])
-    return Plane(apex, np.array([s * math.cos(math.pi / 6), 0.0, math.sin(math.pi / 6)]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,6 +49,16 @@ class FoldedView:
     def paraxial_shift_mm(self) -> float:
         """How far the plate moves the pinhole towards the scene, on the axis: h (1 - 1/n)."""
         return self.plate_mm * (1 - 1 / self.index)
+
+    @property
+    def mirrored(self) -> bool:
+        """Whether the view shows the scene's mirror image."""
+        return bool(np.linalg.det(self.R) < 0)
+
+    @property
+    def centre_mm(self) -> Array:
+        """The virtual pinhole (3,) in the rig frame: the paraxial one."""
+        return self.paraxial_centre_mm
 
     @property
     def paraxial_centre_mm(self) -> Array:
@@ -127,13 +105,24 @@ class FoldedView:
 
 
 def fold(rig: Rig, side: Side) -> FoldedView:
-    """Return the exact closed form of one view of a prism rig (reference: Somanath 2010, section 3.2, made exact)."""
-    A_mirror, b_mirror = mirror_plane(rig, side).reflection()
-    A_face, b_face = reflecting_face(rig, side).reflection()
-    return FoldedView(
-        side=side,
-        R=A_face @ A_mirror,
-        t=A_face @ b_mirror + b_face,
-        plate_mm=rig.prism.height_mm,
-        index=rig.prism.index,
-    )
+    """Return the exact closed form of one view of a rig; `RigError` for a rig whose glass does not unfold to a plate."""
+    found = rig.folded(side)
+    if found is None:
+        raise RigError(
+            f"rig {rig.name!r} has no closed form: its glass does not unfold to a plate, trace its rays instead"
+        )
+    return found
+
+
+def unfold_mirrors(side: Side, surfaces: tuple[Surface, ...]) -> FoldedView | None:
+    """Return the closed form of a view through mirrors alone (or through nothing): an exact pinhole; else None.
+
+    An odd number of mirrors leaves the view mirrored: det R = -1.
+    """
+    if any(surface.action != "reflect" for surface in surfaces):
+        return None
+    R, t = np.eye(3), np.zeros(3)
+    for surface in surfaces:  # the first mirror from the camera is the last to act on the scene
+        A, b = surface.reflection()
+        R, t = R @ A, R @ b + t
+    return FoldedView(side, R, t, plate_mm=0.0, index=1.0)

@@ -1,0 +1,239 @@
+"""The one-lens model against the exact optics: what the rig was built with comes back out of noisy corners.
+
+The corners are traced through glass and mirrors, so the truth is no pinhole; the bounds on the baseline hold the glass'
+own share (up to 0.24 mm for the wide lenses) and the noise.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from calibration.traced_boards import PRISM_RIGS, SQUARE_MM, flawed, paraxial_baseline_mm, tipped, traced_detection
+from prismstereo_calibration.board import Board
+from prismstereo_calibration.detect import CornerPair, Detection
+from prismstereo_calibration.errors import CalibrationError
+from prismstereo_calibration.quality import judge
+from prismstereo_calibration.solve import Solution, solve
+from prismstereo_hw.errors import UsageError
+from prismstereo_hw.rig import RangeWish, Rig
+from prismstereo_hw.view import View
+
+BOARD = Board(9, 7, SQUARE_MM)
+BASELINE_BOUND_MM = {"dslr-35mm": 0.1, "oak-1": 0.25, "pi-camera-v2": 0.25}
+FLAWS = ((5.0, -3.0), (-0.06, 0.03))
+
+
+@pytest.fixture(params=PRISM_RIGS)
+def rig(request: pytest.FixtureRequest) -> Rig:
+    """Each built-in prism rig."""
+    return Rig.read(request.param)
+
+
+@dataclass(frozen=True)
+class Recovery:
+    """How far a solution is from the rig that the corners were traced through."""
+
+    baseline_mm: float
+    principal_point_px: float
+    focal_percent: float
+    rms_px: float
+
+    @classmethod
+    def of(cls, solution: Solution, rig: Rig) -> Recovery:
+        lens, true = solution.calibration.left.lens, rig.lens()
+        return cls(
+            abs(solution.calibration.baseline - paraxial_baseline_mm(rig)),
+            math.hypot(lens.cx_px - true.cx_px, lens.cy_px - true.cy_px),
+            100 * abs(lens.fx_px / true.fx_px - 1),
+            solution.rms_px,
+        )
+
+
+def recoveries(rig: Rig, seeds: int, nominal: Rig | None = None) -> list[Recovery]:
+    """Solve boards traced through `rig`, seeded by the `nominal` one, for so many seeds."""
+    return [Recovery.of(solve(traced_detection(rig, seed), BOARD, rig=nominal or rig), rig) for seed in range(seeds)]
+
+
+def medians(found: list[Recovery]) -> Recovery:
+    """The median of each figure."""
+    return Recovery(
+        *(float(np.median([getattr(one, name) for one in found])) for name in Recovery.__dataclass_fields__)
+    )
+
+
+def test_the_paraxial_baseline_and_the_noise_come_back(rig: Rig) -> None:
+    found = medians(recoveries(rig, 3))
+    assert found.baseline_mm < BASELINE_BOUND_MM[rig.name]
+    assert found.rms_px == pytest.approx(0.2 * math.sqrt(2), abs=0.01)
+    assert found.principal_point_px < 1.5
+
+
+def test_flaws_that_the_rig_file_does_not_know_are_measured(rig: Rig) -> None:
+    found = medians(recoveries(flawed(rig, *FLAWS), 3, nominal=rig))
+    assert found.principal_point_px < 1.5
+    assert found.baseline_mm < BASELINE_BOUND_MM[rig.name]
+    assert found.rms_px == pytest.approx(0.28, abs=0.01)
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("flaws", [None, FLAWS], ids=["as drawn", "flawed lens"])
+@pytest.mark.parametrize("name", PRISM_RIGS)
+def test_ten_campaigns_recover_the_rig(
+    name: str, flaws: tuple[tuple[float, float], tuple[float, float]] | None
+) -> None:
+    nominal = Rig.read(name)
+    rig = nominal if flaws is None else flawed(nominal, *flaws)
+    found = recoveries(rig, 10, nominal=nominal)
+    middle = medians(found)
+    print(
+        f"\n{name:14s} {'flawed' if flaws else 'as drawn':9s} baseline error median {middle.baseline_mm:.3f} worst "
+        f"{max(one.baseline_mm for one in found):.3f} mm | principal point median {middle.principal_point_px:.2f} px | "
+        f"focal length {middle.focal_percent:.3f} % | rms {middle.rms_px:.4f} px"
+    )
+    assert middle.baseline_mm < BASELINE_BOUND_MM[name]
+    assert middle.principal_point_px < 1.5
+    assert middle.rms_px == pytest.approx(0.28, abs=0.01)
+
+
+def test_a_tipped_mirror_is_measured_and_not_a_failure(oak: Rig) -> None:
+    rig = tipped(oak, 0.3)
+    solution = solve(traced_detection(rig, 1), BOARD, rig=oak)
+    assert solution.rms_px == pytest.approx(0.28, abs=0.01)
+    assert solution.calibration.baseline == pytest.approx(paraxial_baseline_mm(rig), abs=0.25)
+    pitch = math.degrees(math.asin(solution.calibration.right.R_camera_from_left[1, 2]))
+    assert abs(pitch) == pytest.approx(
+        2 * 0.3 * math.sin(math.radians(90 - 30)), abs=0.15
+    )  # a mirror turns a ray twice
+
+
+def test_one_lens_without_a_rig_finds_the_same_cameras(oak: Rig) -> None:
+    detection = traced_detection(oak, 2)
+    by_rig, alone = solve(detection, BOARD, rig=oak), solve(detection, BOARD, model="one-lens")
+    assert alone.calibration.baseline == pytest.approx(by_rig.calibration.baseline, abs=1e-4)
+    assert alone.calibration.left.lens.fx_px == pytest.approx(by_rig.calibration.left.lens.fx_px, abs=1e-2)
+    assert alone.calibration.rig == "swapped"
+
+
+def test_both_views_share_one_lens_and_one_frame_of_pixels(oak: Rig) -> None:
+    calibration = solve(traced_detection(oak, 0), BOARD, rig=oak).calibration
+    assert calibration.left.lens == calibration.right.lens
+    assert calibration.left.lens.cx_px == pytest.approx(639.5, abs=2)  # of the frame, not of a half
+
+
+def test_the_stated_sigmas_are_those_of_repeated_calibrations(oak: Rig) -> None:
+    """Same poses, other noise: the scatter of twenty solutions is what each of them says of itself."""
+    clean = traced_detection(oak, 3, noise_px=0.0)
+    noise = np.random.default_rng(9)
+    solutions = []
+    for _ in range(20):
+        pairs = tuple(
+            replace(
+                pair,
+                left=replace(pair.left, pixels=pair.left.pixels + noise.normal(0, 0.2, (63, 2))),
+                right=replace(pair.right, pixels=pair.right.pixels + noise.normal(0, 0.2, (63, 2))),
+            )
+            for pair in clean.pairs
+        )
+        solutions.append(solve(replace(clean, pairs=pairs), BOARD, rig=oak))
+    for said, values in (
+        (solutions[0].focal_sigma_px, [one.calibration.left.lens.fx_px for one in solutions]),
+        (solutions[0].baseline_sigma, [one.calibration.baseline for one in solutions]),
+    ):
+        assert 0.6 < float(np.std(values, ddof=1)) / said < 1.6
+
+
+def test_two_poses_are_enough_and_one_is_not(oak: Rig) -> None:
+    detection = traced_detection(oak, 1, poses=2)
+    assert solve(detection, BOARD, rig=oak).calibration.baseline == pytest.approx(paraxial_baseline_mm(oak), abs=1.5)
+    with pytest.raises(CalibrationError, match="the one-lens model needs 2"):
+        solve(detection.only({"pose00.png"}), BOARD, rig=oak)
+
+
+def test_squares_of_unknown_size_give_the_same_cameras_in_squares(oak: Rig) -> None:
+    detection = traced_detection(oak, 1)
+    in_mm, in_squares = solve(detection, BOARD, rig=oak).calibration, solve(detection, Board(9, 7), rig=oak).calibration
+    assert in_squares.unit == "square"
+    assert in_squares.baseline * SQUARE_MM == pytest.approx(in_mm.baseline, rel=1e-6)
+    assert in_squares.left.lens.fx_px == pytest.approx(in_mm.left.lens.fx_px, rel=1e-6)
+
+
+def test_the_range_is_the_wish_or_the_rigs_or_what_the_labels_reach(oak: Rig) -> None:
+    detection = traced_detection(oak, 1)
+    wish = RangeWish(near_mm=300.0, far_mm=2000.0, labels=256)
+    assert solve(detection, BOARD, rig=oak, wish=wish).calibration.range == wish
+    assert solve(detection, BOARD, rig=oak).calibration.range == oak.range
+    alone = solve(detection, BOARD, model="one-lens").calibration
+    scale = alone.focal_px * alone.baseline
+    assert alone.range.labels == 128
+    assert alone.range.near_mm == pytest.approx(scale / 125, rel=2e-3)
+    with pytest.raises(UsageError, match="--square-mm"):
+        solve(detection, Board(9, 7), rig=oak, wish=wish)
+
+
+def test_the_lens_position_travels_with_the_calibration(oak: Rig) -> None:
+    assert solve(traced_detection(oak, 1), BOARD, rig=oak, lens_position=131).calibration.lens_position == 131
+
+
+def test_a_wrong_size_of_square_is_noticed_where_the_rig_is_known(oak: Rig) -> None:
+    with pytest.raises(
+        CalibrationError, match=r"a baseline of 100\.\d mm, rig 'oak-1' one of 50\.\d: measure the board"
+    ):
+        solve(traced_detection(oak, 1), Board(9, 7, 2 * SQUARE_MM), rig=oak)
+
+
+def test_frames_of_another_rig_are_refused_by_their_focal_length(oak: Rig, dslr: Rig) -> None:
+    with pytest.raises(CalibrationError, match=r"a focal length of 93\d px, rig 'dslr-35mm' one of 20\d\d"):
+        solve(traced_detection(oak, 1), BOARD, rig=dslr)
+
+
+def test_frames_of_a_size_that_the_camera_does_not_take_are_refused(oak: Rig) -> None:
+    detection = replace(traced_detection(oak, 1), frame_width=640, frame_height=480)
+    with pytest.raises(CalibrationError, match="640x480, but rig 'oak-1' takes 1280x720"):
+        solve(detection, BOARD, rig=oak)
+
+
+def test_stills_of_the_whole_sensor_are_calibrated_on_their_own_grid(oak: Rig) -> None:
+    """The still mode has 3.17 times the columns and a taller picture about the same middle."""
+    detection, factor = traced_detection(oak, 1), 4056 / 1280
+    centre, still_centre = np.array([639.5, 359.5]), np.array([2027.5, 1519.5])
+    pairs = tuple(
+        CornerPair.of(
+            pair.name,
+            *(factor * (corners.pixels - centre) + still_centre for corners in (pair.left, pair.right)),
+        )
+        for pair in detection.pairs
+    )
+    stills = Detection(4056, 3040, oak.views, pairs)
+    video, still = solve(detection, BOARD, rig=oak).calibration, solve(stills, BOARD, rig=oak).calibration
+    assert still.baseline == pytest.approx(video.baseline, rel=1e-6)
+    assert still.left.lens.fx_px == pytest.approx(factor * video.left.lens.fx_px, rel=1e-6)
+    assert (still.frame_width, still.frame_height) == (4056, 3040)
+
+
+def test_a_turned_view_is_refused_by_name(oak: Rig) -> None:
+    left, right = oak.views
+    turned = View(left=left.left, top=left.top, width=left.width, height=left.height, turn_deg=180)
+    with pytest.raises(UsageError, match="the left view is turned by 180 degrees"):
+        solve(replace(traced_detection(oak, 1), views=(turned, right)), BOARD, model="one-lens")
+
+
+def test_a_calibration_of_the_exact_optics_measures_fresh_boards(rig: Rig) -> None:
+    """Board corners that the solver never saw: no longer by more than a thousandth, row errors those of the noise."""
+    solution = solve(traced_detection(rig, 0), BOARD, rig=rig)
+    quality = judge(solution.calibration, traced_detection(rig, 77), BOARD)
+    assert abs(quality.scale_error.mean) < 2e-3
+    assert quality.row_error.mean_px == pytest.approx(0.2 * math.sqrt(2) * math.sqrt(2 / math.pi), rel=0.1)
+    assert quality.verdict == "good"
+
+
+def test_sixty_poses_take_seconds_at_the_most(oak: Rig) -> None:
+    detection = traced_detection(oak, 1, poses=60)
+    began = time.perf_counter()
+    solution = solve(detection, BOARD, rig=oak)
+    assert time.perf_counter() - began < 5.0
+    assert len(solution.used) == 60

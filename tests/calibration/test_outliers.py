@@ -1,0 +1,109 @@
+"""Frames that do not belong: named, with the reason, and without a trace in the result."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calibration.traced_boards import PRISM_RIGS, SQUARE_MM, traced_detection
+from prismstereo_calibration.board import Board
+from prismstereo_calibration.detect import CornerPair, Detection, Rejection
+from prismstereo_calibration.errors import CalibrationError
+from prismstereo_calibration.model import Model
+from prismstereo_calibration.solve import solve
+from prismstereo_hw.rig import Rig
+
+BOARD = Board(9, 7, SQUARE_MM)
+MODELS: tuple[Model, ...] = ("one-lens", "two-camera")
+
+
+@pytest.fixture(params=PRISM_RIGS)
+def rig(request: pytest.FixtureRequest) -> Rig:
+    """Each built-in prism rig."""
+    return Rig.read(request.param)
+
+
+def with_pair(detection: Detection, index: int, left: np.ndarray, right: np.ndarray) -> Detection:
+    """The detection with the corners of one frame replaced."""
+    pairs = list(detection.pairs)
+    pairs[index] = CornerPair.of(pairs[index].name, left, right)
+    return replace(detection, pairs=tuple(pairs))
+
+
+def spoiled(detection: Detection, how: str) -> Detection:
+    """The detection with frame 5 spoiled."""
+    left, right = detection.pairs[5].left.pixels, detection.pairs[5].right.pixels
+    noise = np.random.default_rng(8).normal(0, 3, right.shape)
+    return with_pair(
+        detection,
+        5,
+        left + 40 if how == "one view moved" else left,
+        {
+            "one view moved": right,
+            "blurred": right + noise,
+            "counted from the other end": right[::-1],
+            "of another moment": detection.pairs[6].right.pixels,
+            "one corner mistaken": right + 9.0 * (np.arange(len(right)) == 17)[:, None],
+        }[how],
+    )
+
+
+@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize(
+    ("how", "reason"),
+    [
+        ("one view moved", "px off"),
+        ("blurred", "px off"),
+        ("of another moment", "px off"),
+        ("one corner mistaken", "px off"),
+        ("counted from the other end", "corners in another order"),
+    ],
+)
+def test_a_spoiled_frame_is_rejected_by_name_and_leaves_no_trace(oak: Rig, model: Model, how: str, reason: str) -> None:
+    detection = traced_detection(oak, 1)
+    solution = solve(spoiled(detection, how), BOARD, rig=oak, model=model)
+    without = solve(
+        detection.only({pair.name for i, pair in enumerate(detection.pairs) if i != 5}), BOARD, rig=oak, model=model
+    )
+    assert [entry.name for entry in solution.rejected] == ["pose05.png"]
+    assert reason in solution.rejected[0].reason
+    assert solution.calibration.baseline == pytest.approx(without.calibration.baseline, abs=1e-4)
+    assert solution.rms_px == pytest.approx(without.rms_px, abs=1e-6)
+    assert solution.calibration.views_used == 14
+
+
+def test_a_third_of_the_frames_may_be_wrong(oak: Rig) -> None:
+    detection = traced_detection(oak, 1)
+    random = np.random.default_rng(2)
+    for index in (1, 4, 7, 10, 13):
+        left, right = detection.pairs[index].left.pixels, detection.pairs[index].right.pixels
+        detection = with_pair(detection, index, left, right + random.normal(0, 4, right.shape))
+    solution = solve(detection, BOARD, rig=oak)
+    assert [entry.name[4:6] for entry in solution.rejected] == ["01", "04", "07", "10", "13"]
+    assert solution.rms_px == pytest.approx(0.28, abs=0.015)
+
+
+def test_good_frames_are_never_rejected(rig: Rig) -> None:
+    for seed in range(3):
+        assert solve(traced_detection(rig, seed), BOARD, rig=rig).rejected == ()
+
+
+def test_rejections_of_the_detector_are_carried_along(oak: Rig) -> None:
+    early = (Rejection("blank.png", "no board in either view"),)
+    detection = replace(spoiled(traced_detection(oak, 1), "blurred"), rejected=early)
+    assert [entry.name for entry in solve(detection, BOARD, rig=oak).rejected] == ["blank.png", "pose05.png"]
+
+
+def test_frames_of_nothing_end_in_one_sentence_that_names_some(oak: Rig) -> None:
+    random = np.random.default_rng(0)
+    pairs = tuple(
+        CornerPair.of(f"{i}.png", random.uniform(0, 700, (63, 2)), random.uniform(0, 700, (63, 2))) for i in range(6)
+    )
+    detection = replace(traced_detection(oak, 1), pairs=pairs)
+    for model in MODELS:
+        with pytest.raises(CalibrationError, match=r"frames that show the board as they should: 0.*rejected: 0\.png"):
+            solve(detection, BOARD, rig=oak, model=model)
+        with pytest.raises(CalibrationError):
+            solve(detection, BOARD, model=model)
