@@ -86,7 +86,8 @@ class Rectification:
 def rectification(calibration: Calibration, wish: RangeWish | None = None, labels: int | None = None) -> Rectification:
     """Derive the rectification of a calibration for a wished range (default: the calibration's own, with its labels).
 
-    With a wish but no `labels`, the search is as long as the range needs; `labels` alone go with the calibration's range.
+    The calibration's own range is its far end and its labels; the near end follows from them. With a wish but no `labels`,
+    the search is as long as the range needs; `labels` alone go with the calibration's range.
     `UsageError` when it cannot be had.
     """
     left, right = calibration.left, calibration.right
@@ -94,8 +95,10 @@ def rectification(calibration: Calibration, wish: RangeWish | None = None, label
     focal_px = calibration.focal_px
     scale = focal_px * calibration.baseline
     asked = calibration.range if wish is None else wish
-    searched = asked.labels if wish is None and labels is None else labels
-    window = DisparityWindow.between(scale, asked.near_mm, asked.far_mm, searched)
+    if wish is None and labels is None:  # the unit's own range: a built unit's near end is where its labels end
+        window = DisparityWindow.reaching(scale, asked.far_mm, asked.labels)
+    else:
+        window = DisparityWindow.between(scale, asked.near_mm, asked.far_mm, labels)
     views = (
         (left, calibration.left_view, turn),
         (right, calibration.right_view, turn @ right.R_camera_from_left.T),

@@ -71,14 +71,14 @@ def solve(
 ) -> Solution:
     """Solve for the two virtual cameras that the detected corners show.
 
-    With a rig the model is one-lens unless told otherwise, seeded by the rig's nominal cameras; without one it is
-    two-camera. The range is `wish`, else the rig's, else all that 128 labels reach; a wish in mm needs a board of known
-    squares (`UsageError`). `CalibrationError` where too few frames fit, where they do not determine the cameras, and
-    where the result is not that rig.
+    With a rig the model is one-lens unless told otherwise, or unless its glass asks for more, and starts from the rig's
+    nominal cameras; without one it is two-camera. The range is `wish`, else the rig's, else all that 128 labels reach; a
+    wish in mm needs a board of known squares (`UsageError`). `CalibrationError` where too few frames fit, where they do not
+    determine the cameras, and where they contradict the rig.
     """
     if wish is not None and board.unit == "square":
         raise UsageError("a range in mm needs the size of the board's squares: measure one and pass --square-mm")
-    start = _start(detection, board, rig, model or ("one-lens" if rig is not None else "two-camera"))
+    start = _start(detection, board, rig, model or _default_model(rig))
     fit = fit_frames(detection, board, start)
     calibration = _calibration(fit, board, start, rig)
     _require_rig(calibration, rig)
@@ -107,6 +107,11 @@ def _account(calibration: Calibration, start: Start, fit: Fit) -> Solution:
         focal_sigma_px=_focal_sigma(start, fit),
         baseline_sigma=_baseline_sigma(fit),
     )
+
+
+def _default_model(rig: Rig | None) -> Model:
+    """One lens behind a rig, unless its glass distorts each view in its own way; two cameras without one."""
+    return "two-camera" if rig is None or rig.own_lens_per_view else "one-lens"
 
 
 def _start(detection: Detection, board: Board, rig: Rig | None, name: Model) -> Start:

@@ -53,6 +53,13 @@ class DisparityWindow:
             )
         return cls(labels=rounded if labels is None else labels, offset_px=offset, scale_px=scale_px)
 
+    @classmethod
+    def reaching(cls, scale_px: float, far: float, labels: int) -> DisparityWindow:
+        """Make the window of a number of labels from `far` (may be inf) to as near as they reach."""
+        if not far > 0 or not 3 <= labels <= _MOST_LABELS:
+            raise UsageError(f"{labels} labels from {far:g}: give a far end above 0 and 3 to {_MOST_LABELS} labels")
+        return cls(labels=labels, offset_px=(scale_px / far if math.isfinite(far) else 0.0) - 1.0, scale_px=scale_px)
+
     @property
     def nearest(self) -> float:
         """Depth one pixel below the last label; NaN where the pair is not metric."""

@@ -114,7 +114,7 @@ class Rig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True,
         from prismstereo_hw.kinds import AnyRig
 
         try:
-            return msgspec.toml.decode(text, type=AnyRig)
+            found: AnyRig = msgspec.toml.decode(text, type=AnyRig)
         except msgspec.ValidationError as error:
             raise RigError(
                 f"{origin}: {error}: compare with the built-in rigs (`prismstereo design oak-1 --toml`)"
@@ -123,6 +123,7 @@ class Rig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True,
             raise RigError(f"{origin}: {error}") from error
         except (msgspec.DecodeError, RecursionError) as error:
             raise RigError(f"{origin} is not TOML: {error}") from error
+        return found
 
     def toml(self) -> str:
         """Return this rig as the text of a rig file."""

@@ -77,6 +77,8 @@ def calibrations(draw: st.DrawFn) -> Calibration:
     centre = np.array([draw(st.floats(1, 500)), draw(st.floats(-0.1, 0.1)), draw(st.floats(-0.1, 0.1))])
     turn_deg = draw(st.sampled_from([0, 180]))
     cut = draw(st.sampled_from(CUTS))
+    step = cut.get("row_step", 1)  # an interlaced picture is as many times lower
+    thinned = replace(lens, cx_px=lens.cx_px + draw(st.floats(-50, 50)), fy_px=lens.fy_px / step)
     far = draw(st.one_of(st.just(math.inf), st.floats(2e3, 1e6)))
     return Calibration(
         rig=draw(st.text(max_size=40).filter(lambda text: text.isprintable())),
@@ -85,7 +87,7 @@ def calibrations(draw: st.DrawFn) -> Calibration:
         left_view=View(left=0.5, top=0.0, width=0.5, height=1.0, mirrored=draw(st.booleans()), turn_deg=0),
         right_view=View(left=0.0, top=0.0, width=draw(st.floats(0.3, 0.5)), height=1.0, turn_deg=turn_deg, **cut),
         left=Camera.at_origin(lens),
-        right=Camera(replace(lens, cx_px=lens.cx_px + draw(st.floats(-50, 50))), R, -R @ centre),
+        right=Camera(thinned, R, -R @ centre),
         range=RangeWish(near_mm=draw(st.floats(1, 1000)), far_mm=far, labels=16 * draw(st.integers(1, 64))),
         model=draw(st.sampled_from(["one-lens", "two-camera"])),
         unit=draw(st.sampled_from(["mm", "square"])),

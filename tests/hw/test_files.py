@@ -13,12 +13,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from prismstereo_hw.errors import DataError, ImageError
 from prismstereo_hw.files import read_array, read_depth_png, read_picture, write_picture, write_whole
-from prismstereo_hw.picture_head import picture_head
 
 
 @pytest.fixture
@@ -252,22 +249,6 @@ def test_a_missing_picture_and_a_folder_are_named(tmp_path: Path) -> None:
     for path in (tmp_path / "missing.png", tmp_path):
         with pytest.raises(ImageError, match=f"cannot read {path}: "):
             read_picture(path)
-
-
-@given(
-    st.binary(max_size=300), st.sampled_from([b"", b"\xff\xd8", b"BM", b"II*\0", b"MM\0*", b"P5", b"\x89PNG\r\n\x1a\n"])
-)
-def test_any_first_bytes_are_understood_or_not_but_never_stumbled_over(content: bytes, magic: bytes) -> None:
-    head = picture_head(magic + content)
-    assert head is None or (head.width >= 0 and head.height >= 0)
-
-
-@pytest.mark.parametrize("ending", [".png", ".jpg", ".bmp", ".pgm", ".ppm", ".tif"])
-def test_the_head_of_a_whole_picture_tells_its_size(tmp_path: Path, grey: np.ndarray, ending: str) -> None:
-    pixels = np.stack([grey] * 3, axis=-1) if ending == ".ppm" else grey
-    head = picture_head(saved(tmp_path / f"picture{ending}", pixels).read_bytes())
-    assert head is not None
-    assert (head.width, head.height, head.whole) == (64, 48, True)
 
 
 # ---- arrays

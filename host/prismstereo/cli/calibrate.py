@@ -131,7 +131,7 @@ def _views(rig: str | None, layout: str | None, *, two_cameras: bool) -> tuple[R
 
 def _lines(solution: Solution, quality: Quality, out: Path) -> list[str]:
     calibration = solution.calibration
-    unit, lens = calibration.unit, calibration.left.lens
+    unit, lens, gap = calibration.unit, calibration.left.lens, quality.triangulation_gap
     return [
         f"{out}: {calibration.model}, {len(solution.used)} views used, {len(solution.rejected)} rejected",
         *(f"  rejected {entry.name}: {entry.reason}" for entry in solution.rejected),
@@ -139,7 +139,7 @@ def _lines(solution: Solution, quality: Quality, out: Path) -> list[str]:
         f"  baseline            {calibration.baseline:.3f} +- {solution.baseline_sigma:.3f} {unit}",
         f"  focal length        {lens.fx_px:.1f} +- {solution.focal_sigma_px:.1f} px, principal point "
         f"{lens.cx_px:.1f}, {lens.cy_px:.1f}",
-        f"  triangulation gap   {quality.triangulation_gap.mean:.4f} {unit} (variance {quality.triangulation_gap.variance:.2g})",
+        f"  triangulation gap   {gap.mean:.4f} {unit} (variance {gap.variance:.2g})",
         f"  plane fit           {quality.plane_fit.mean:.4f} {unit} (variance {quality.plane_fit.variance:.2g}), "
         f"RMS {quality.plane_fit.rms:.4f}",
         f"  row error           {quality.row_error.mean_px:.3f} px, 95 % below {quality.row_error.p95_px:.3f}",

@@ -1,0 +1,58 @@
+"""Every planar rig, the whole way: rendered boards -> calibration -> split, rectify, match -> depth against the truth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from prismstereo_calibration.board import Board
+from prismstereo_calibration.detect import NamedFrame, detect
+from prismstereo_calibration.rectification import rectification
+from prismstereo_calibration.solve import Solution, solve
+from prismstereo_calibration.truth import true_disparity
+from prismstereo_device.pipeline import Pipeline
+from prismstereo_hw.rig import LITERATURE, Rig
+from prismstereo_hw.scene import Scene, board, board_poses, facing_plane, named
+from prismstereo_hw.twin import Twin
+
+COLUMNS, ROWS = 9, 7
+
+
+@dataclass(frozen=True)
+class _Allowed:
+    """Bounds, each about twice what was measured: reprojection RMS, median depth error in the rig's range."""
+
+    rms_px: float = 0.15
+    depth: float = 0.01
+
+
+# Glass that bends is not two pinholes, and its distortion depends on depth; interlaced rows are sampled half as finely.
+ALLOWED = {"biprism": _Allowed(0.4, 0.02), "plate": _Allowed(0.8, 0.04), "field-sequential": _Allowed(0.4, 0.01)}
+
+
+def calibrated(rig: Rig, views: int) -> Solution:
+    wall = facing_plane(rig, 3 * rig.range.near_mm).surfaces
+    frames = []
+    for number, (square_mm, R, t) in enumerate(board_poses(rig, views, 3, columns=COLUMNS, rows=ROWS)):
+        scene = Scene("board", (board(COLUMNS, ROWS, square_mm, R, t), *wall))
+        frames.append(NamedFrame(f"{number}.png", Twin(rig, scene, seed=number).frame().pixels))
+    target = Board(COLUMNS, ROWS, square_mm)
+    return solve(detect(frames, rig.views, target), target, rig=rig)
+
+
+@pytest.mark.parametrize("name", LITERATURE)
+def test_a_rig_of_the_literature_calibrates_and_gives_depth(name: str) -> None:
+    rig, allowed = Rig.read(name), ALLOWED.get(name, _Allowed())
+    twin = Twin(rig, named(rig, "desk"), noise=1.0)
+
+    solution = calibrated(rig, 7)
+    pipeline = Pipeline(solution.calibration)
+    found = pipeline.process(twin.frame(1))
+
+    assert solution.rms_px < allowed.rms_px
+    truth = true_disparity(twin.truth(1), rectification(solution.calibration))
+    error = np.abs(found.depth() - found.window.depth(truth)) / found.window.depth(truth)
+    assert np.isfinite(error).mean() > 0.25
+    assert np.nanmedian(error) < allowed.depth
