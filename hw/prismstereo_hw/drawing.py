@@ -9,12 +9,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from html import escape
 
 from prismstereo_hw.kinds.prism_tir import PrismRig
 from prismstereo_hw.optics.figures import RigFigures, figures
 from prismstereo_hw.ray_paths import RayPaths, ray_paths
-from prismstereo_hw.svg import Panel, Point, document
+from prismstereo_hw.svg import Panel, Point, document, words
 from prismstereo_hw.view import Side
 
 __all__ = ["draw"]
@@ -58,8 +57,8 @@ def draw(rig: PrismRig) -> str:
         _HEIGHT_PX,
         f"{rig.name}: rays and dimensions",
         [
-            _words(24, 30, f"{rig.name}: {rig.camera.name}", "title"),
-            _words(24, 50, _summary(subject), "small"),
+            words(24, 30, f"{rig.name}: {rig.camera.name}", "title"),
+            words(24, 50, _summary(subject), "small"),
             *_bundles(plan, subject),
             *_parts(plan, subject),
             *_dimensions(plan, subject),
@@ -79,13 +78,9 @@ def _summary(subject: _Subject) -> str:
     )
 
 
-def _words(x: float, y: float, words: str, style: str = "") -> str:
-    return f'<text x="{x}" y="{y}" class="{style}">{escape(words)}</text>'
-
-
 def _plan(subject: _Subject) -> Panel:
     viewpoints = [path.viewpoint_mm for path in subject.paths.values()]
-    wide = max(subject.far_edge[0] + 6, *(abs(x) + 14 for x, _ in viewpoints))
+    wide = max(subject.far_edge[0] + 6, *(abs(x) + 20 for x, _ in viewpoints))
     low = min(*(z for _, z in viewpoints), 0.0) - 18
     return Panel(12, _TOP_PX, _RIG_PX, _PANEL_HEIGHT_PX, (-wide, low), (wide, subject.far_edge[1] + _BEYOND_MM))
 
@@ -122,7 +117,7 @@ def _parts(plan: Panel, subject: _Subject) -> list[str]:
         plan.line([(-pupil, 0), (pupil, 0)], "pupil"),
         plan.label((0, -1.2 - 10 / plan.scale), "entrance pupil of the lens", "small"),
         *(
-            plan.label((x, z - 14 / plan.scale), f"{side} viewpoint", "small")
+            plan.label((x, z - 14 / plan.scale), f"{side} viewpoint", "small", "end" if side == "left" else "start")
             for side, (x, z) in ((side, path.viewpoint_mm) for side, path in subject.paths.items())
         ),
     ]
@@ -141,7 +136,7 @@ def _dimensions(plan: Panel, subject: _Subject) -> list[str]:
 
 def _baseline_dimension(plan: Panel, subject: _Subject, row: float) -> list[str]:
     (left_x, left_z), (right_x, right_z) = (subject.paths[side].viewpoint_mm for side in _SIDES)
-    low = min(left_z, right_z, row) - 34 / plan.scale
+    low = min(left_z, right_z, row, -14 / plan.scale) - 34 / plan.scale
     return [
         plan.line([(left_x, left_z), (left_x, low)], "dimension"),
         plan.line([(right_x, right_z), (right_x, low)], "dimension"),
@@ -187,67 +182,72 @@ def _mirror_dimensions(plan: Panel, subject: _Subject, row: float) -> list[str]:
 
 
 def _field_panel(subject: _Subject) -> Panel:
-    reach = _reach_mm(subject)
-    wide = max(float(abs(path.at_depth(reach)).max()) for path in subject.paths.values())
-    left = _RIG_PX + 40
-    return Panel(
-        left, _TOP_PX + 20, _FIELD_PX, _PANEL_HEIGHT_PX - 40, (-1.05 * wide, -0.04 * reach), (1.05 * wide, reach)
-    )
+    low, top = subject.found.viewpoint_mm[1], _height_mm(subject, _depths_mm(subject)[1])
+    wide = 1.05 * max(float(abs(path.at_depth(top)).max()) for path in subject.paths.values())
+    below = min(low, 0.0) - 0.02 * top
+    return Panel(_RIG_PX + 40, _TOP_PX + 20, _FIELD_PX, _PANEL_HEIGHT_PX - 40, (-wide, below), (wide, top))
 
 
-def _reach_mm(subject: _Subject) -> float:
+def _depths_mm(subject: _Subject) -> tuple[float, float]:
+    """Return the depths of the near end, and of the far end or of how far the field is shown."""
     wish = subject.rig.range
-    return min(wish.far_mm, _FIELD_NEARS * wish.near_mm)
+    return wish.near_mm, min(wish.far_mm, _FIELD_NEARS * wish.near_mm)
+
+
+def _height_mm(subject: _Subject, depth_mm: float) -> float:
+    """Return z in the rig frame at a depth, which counts from the viewpoints."""
+    return depth_mm + subject.found.viewpoint_mm[1]
 
 
 def _fans(field: Panel, subject: _Subject) -> list[str]:
-    reach = _reach_mm(subject)
+    near, top = (_height_mm(subject, depth) for depth in _depths_mm(subject))
     drawn = []
     for side, path in subject.paths.items():
-        ends = path.at_depth(reach)
-        corners = [path.viewpoint_mm, (float(ends.min()), reach), (float(ends.max()), reach)]
+        ends = path.at_depth(top)
+        corners = [path.viewpoint_mm, (float(ends.min()), top), (float(ends.max()), top)]
         drawn += [
             field.line(corners, f"{side} area", closed=True),
             field.line([corners[1], corners[0], corners[2]], side),
             field.dot(path.viewpoint_mm, f"{side} camera", 3.0),
         ]
-    outline = _common_outline(subject, subject.rig.range.near_mm, reach)
+    outline = _common_outline(subject, near, top)
     return [*drawn, field.line(outline, "both area", closed=True)] if outline else drawn
 
 
 def _common(subject: _Subject, z_mm: float) -> Point | None:
-    """Return the borders of the field that both views share at a depth; None where there is none."""
+    """Return the borders of the field that both views share at a height z; None where there is none."""
     ends = [path.at_depth(z_mm) for path in subject.paths.values()]
     begin, end = max(float(x.min()) for x in ends), min(float(x.max()) for x in ends)
     return (begin, end) if begin < end else None
 
 
-def _common_outline(subject: _Subject, near_mm: float, far_mm: float) -> list[Point]:
-    depths = [near_mm + (far_mm - near_mm) * step / 60 for step in range(61)]
-    spans = [(span, z) for z in depths if (span := _common(subject, z)) is not None]
+def _common_outline(subject: _Subject, low_mm: float, top_mm: float) -> list[Point]:
+    heights = [low_mm + (top_mm - low_mm) * step / 60 for step in range(61)]
+    spans = [(span, z) for z in heights if (span := _common(subject, z)) is not None]
     return [(span[0], z) for span, z in spans] + [(span[1], z) for span, z in reversed(spans)]
 
 
 def _field_marks(field: Panel, subject: _Subject) -> list[str]:
-    near, reach = subject.rig.range.near_mm, _reach_mm(subject)
+    near, reach = _depths_mm(subject)
     edge = field.high[0]
     drawn = []
-    for z, words in ((near, "near end"), (reach, "far end" if reach == subject.rig.range.far_mm else "and on")):
+    for depth, end in ((near, "near end"), (reach, "far end" if reach == subject.rig.range.far_mm else "and on")):
+        z = _height_mm(subject, depth)
         span = _common(subject, z)
         width = f", {span[1] - span[0]:.0f} mm common" if span else ", nothing in common"
         drawn += [
             field.line([(-edge, z), (edge, z)], "dimension"),
-            field.label((0, z + 5 / field.scale), f"{z:.0f} mm: {words}{width}", "small"),
+            field.label((0, z + 5 / field.scale), f"{depth:.0f} mm: {end}{width}", "small"),
         ]
-    return [*drawn, field.label((0, field.low[1] - 14 / field.scale), "the rig, at the scale of its field", "small")]
+    words_at = (0, field.low[1] - 14 / field.scale)
+    return [*drawn, field.label(words_at, "the viewpoints, at the scale of their field", "small")]
 
 
 def _legend() -> list[str]:
     y = _HEIGHT_PX - 18
     entries = ((24, "left", "left view"), (130, "right", "right view"), (244, "both", "seen by both"))
     boxes = [
-        f'<rect x="{x}" y="{y - 10}" width="16" height="12" class="{style} area"/>'
-        f'<text x="{x + 22}" y="{y}" class="small">{words}</text>'
-        for x, style, words in entries
+        f'<rect x="{x}" y="{y - 10}" width="16" height="12" class="{style} area"/>' + words(x + 22, y, meaning, "small")
+        for x, style, meaning in entries
     ]
-    return [*boxes, _words(370, y, "broken: back to the virtual viewpoints. Lengths in mm.", "small")]
+    return [*boxes, words(370, y, "broken: back to the virtual viewpoints. Lengths in mm.", "small")]

@@ -52,6 +52,11 @@ def _dark_columns(rig: PrismRig, found: RigFigures) -> tuple[Limit, ...]:
     for why, share in found.lost.items():
         if "totally reflected" in why:
             said.append(_total_reflection(rig, share))
+        elif "misses the reflecting face" in why:  # only rays from beyond the seam do
+            sentence = (
+                f"{100 * share:.1f} % of a view's columns show the other view: the optical axis is off the middle"
+            )
+            said.append(Limit("seam", share, "share", sentence))
         else:
             sentence = f"{100 * share:.1f} % of a view's columns are dark: a ray {why}; lengthen that part or move it"
             said.append(Limit("vignetting", share, "share", sentence))

@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from html import escape
 
-__all__ = ["Panel", "Point", "document"]
+__all__ = ["Panel", "Point", "document", "words"]
 
 Point = tuple[float, float]
 _STYLE = """
@@ -45,6 +45,11 @@ def document(width: int, height: int, title: str, shapes: Iterable[str]) -> str:
     )
 
 
+def words(x_px: float, y_px: float, said: str, style: str = "") -> str:
+    """Write words at a pixel of the picture, beginning there."""
+    return f'<text x="{x_px}" y="{y_px}" class="{style}">{escape(said)}</text>'
+
+
 @dataclass(frozen=True, slots=True)
 class Panel:
     """A part of the picture, in pixels, that shows a part of the rig's plane, in mm, without distortion."""
@@ -74,18 +79,18 @@ class Panel:
         path = " ".join(f"{x:.2f},{y:.2f}" for x, y in map(self.at, points))
         return f'<{"polygon" if closed else "polyline"} points="{path}" class="{style}"/>'
 
-    def label(self, point: Point, words: str, style: str = "", anchor: str = "middle", turn_deg: float = 0.0) -> str:
+    def label(self, point: Point, said: str, style: str = "", anchor: str = "middle", turn_deg: float = 0.0) -> str:
         """Write words at a point in mm, turned counter-clockwise."""
         x, y = self.at(point)
         turn = f' transform="rotate({-turn_deg:.2f} {x:.2f} {y:.2f})"' if turn_deg else ""
-        return f'<text x="{x:.2f}" y="{y:.2f}" class="{style}" text-anchor="{anchor}"{turn}>{escape(words)}</text>'
+        return f'<text x="{x:.2f}" y="{y:.2f}" class="{style}" text-anchor="{anchor}"{turn}>{escape(said)}</text>'
 
     def dot(self, point: Point, style: str, radius_px: float = 4.0) -> str:
         """Draw a dot at a point in mm."""
         x, y = self.at(point)
         return f'<circle cx="{x:.2f}" cy="{y:.2f}" r="{radius_px}" class="{style}"/>'
 
-    def dimension(self, begin: Point, end: Point, words: str, aside_px: float = -5.0) -> list[str]:
+    def dimension(self, begin: Point, end: Point, said: str, aside_px: float = -5.0) -> list[str]:
         """Draw a dimension line with arrows between two points in mm, its words `aside_px` to the right of its direction."""
         (x0, y0), (x1, y1) = self.at(begin), self.at(end)
         length = math.hypot(x1 - x0, y1 - y0)
@@ -99,7 +104,7 @@ class Panel:
             _arrow(x0, y0, -u, -v),
             _arrow(x1, y1, u, v),
             f'<text x="{x:.2f}" y="{y:.2f}" class="small" text-anchor="middle" '
-            f'transform="rotate({turn:.2f} {x:.2f} {y:.2f})">{escape(words)}</text>',
+            f'transform="rotate({turn:.2f} {x:.2f} {y:.2f})">{escape(said)}</text>',
         ]
 
 

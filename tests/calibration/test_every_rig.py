@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -13,7 +14,7 @@ from prismstereo_calibration.rectification import rectification
 from prismstereo_calibration.solve import Solution, solve
 from prismstereo_calibration.truth import true_disparity
 from prismstereo_device.pipeline import Pipeline
-from prismstereo_hw.rig import LITERATURE, Rig
+from prismstereo_hw.rig import LITERATURE, Mode, Rig
 from prismstereo_hw.scene import Scene, board, board_poses, facing_plane, named
 from prismstereo_hw.twin import Twin
 
@@ -32,6 +33,17 @@ class _Allowed:
 ALLOWED = {"biprism": _Allowed(0.4, 0.02), "plate": _Allowed(0.8, 0.04), "field-sequential": _Allowed(0.4, 0.01)}
 
 
+def half_size(name: str) -> Rig:
+    """Read a rig with a quarter of its pixels: the same optics, and a fourth of the time."""
+    rig = Rig.read(name)
+    video = Mode(width=rig.camera.video.width // 2, height=rig.camera.video.height // 2, rate_hz=30.0)
+    return msgspec.structs.replace(
+        rig,
+        camera=msgspec.structs.replace(rig.camera, video=video),
+        range=msgspec.structs.replace(rig.range, labels=rig.range.labels // 2),
+    )
+
+
 def calibrated(rig: Rig, views: int) -> Solution:
     wall = facing_plane(rig, 3 * rig.range.near_mm).surfaces
     frames = []
@@ -44,7 +56,7 @@ def calibrated(rig: Rig, views: int) -> Solution:
 
 @pytest.mark.parametrize("name", LITERATURE)
 def test_a_rig_of_the_literature_calibrates_and_gives_depth(name: str) -> None:
-    rig, allowed = Rig.read(name), ALLOWED.get(name, _Allowed())
+    rig, allowed = half_size(name), ALLOWED.get(name, _Allowed())
     twin = Twin(rig, named(rig, "desk"), noise=1.0)
 
     solution = calibrated(rig, 7)
@@ -54,5 +66,6 @@ def test_a_rig_of_the_literature_calibrates_and_gives_depth(name: str) -> None:
     assert solution.rms_px < allowed.rms_px
     truth = true_disparity(twin.truth(1), rectification(solution.calibration))
     error = np.abs(found.depth() - found.window.depth(truth)) / found.window.depth(truth)
+    print(f"{name}: rms {solution.rms_px:.3f} px, depth error {np.nanmedian(error):.4f}, {np.isfinite(error).mean():.2f} of it")
     assert np.isfinite(error).mean() > 0.25
     assert np.nanmedian(error) < allowed.depth

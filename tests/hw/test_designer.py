@@ -135,9 +135,29 @@ def test_the_two_ends_of_a_range_share_the_width_that_a_narrow_lens_has() -> Non
 
 
 def test_half_of_the_width_is_common_where_the_overlap_begins(dslr: Rig) -> None:
-    share, width = overlap_share(dslr, figures(dslr).overlap_from_mm)
+    found = figures(dslr)
+    depth_mm = found.overlap_from_mm - found.viewpoint_mm[1]  # the figures count from the entrance pupil
+    share, width = overlap_share(dslr, depth_mm)
     assert share == pytest.approx(0.5, abs=0.01)
-    assert width == pytest.approx(common_width_mm(dslr, figures(dslr).overlap_from_mm))
+    assert width == pytest.approx(
+        common_width_mm(dslr, found.overlap_from_mm), rel=0.005
+    )  # whose viewpoint is not the paraxial one
+
+
+def test_an_optical_axis_off_the_middle_shows_the_other_view_in_some_columns(dslr: Rig) -> None:
+    off = msgspec.structs.replace(dslr, camera=msgspec.structs.replace(dslr.camera, principal_offset_px=(32.0, 0.0)))
+    found = figures(off)
+    (beyond,) = (limit for limit in limits(off, found) if limit.unit == "share" and limit.kind == "seam")
+    assert beyond.value == pytest.approx(32 / 640, abs=0.002)
+    assert "other view" in beyond.says
+
+
+def test_short_mirrors_are_named_as_what_cuts_columns_off(dslr: Rig) -> None:
+    short = msgspec.structs.replace(dslr, mirrors=msgspec.structs.replace(dslr.mirrors, length_mm=30.0))
+    found = figures(short)
+    (cut,) = (limit for limit in limits(short, found) if limit.kind == "vignetting")
+    assert cut.value == pytest.approx(1 - found.columns_kept)
+    assert "misses the left mirror" in cut.says
 
 
 def test_dense_glass_keeps_the_columns_that_crown_glass_loses() -> None:
@@ -177,10 +197,28 @@ def test_a_baseline_of_nothing_is_refused(baseline_mm: float) -> None:
         of_the_catalogue("oak-1", baseline_mm)
 
 
+@pytest.mark.parametrize("baseline_mm", [math.nan, math.inf])
+def test_a_baseline_that_is_no_number_is_refused(baseline_mm: float) -> None:
+    with pytest.raises(RigError, match="give a number of millimetres"):
+        of_the_catalogue("oak-1", baseline_mm)
+
+
+def test_a_range_inside_of_the_rig_is_refused() -> None:
+    entry = camera("oak-1")
+    with pytest.raises(RigError, match="from 1 to 2 mm: begin the range farther away"):
+        design(entry.camera, 50.0, 1.0, 2.0, pupil_to_prism_mm=entry.pupil_to_prism_mm)
+    with pytest.raises(RigError, match="from 1 to 2 mm: begin the range farther away"):
+        baseline_reach_mm(entry.camera, 1.0, 2.0, pupil_to_prism_mm=entry.pupil_to_prism_mm)
+
+
 def test_a_range_too_near_for_the_baseline_is_answered_with_one_that_is_not() -> None:
-    entry = camera("imx273-16mm")
-    with pytest.raises(RigError, match=r"at 100 mm the two views .* begin the range at \d+ mm"):
-        design(entry.camera, 100.0, 100.0, math.inf, pupil_to_prism_mm=entry.pupil_to_prism_mm)
+    entry = camera("aps-c-50mm")
+    with pytest.raises(RigError, match=r"from 80 to inf mm the two views .* begin the range at \d+ mm") as told:
+        design(entry.camera, 60.0, 80.0, math.inf, pupil_to_prism_mm=entry.pupil_to_prism_mm)
+    nearest = float(str(told.value).split("begin the range at ")[1].split(" mm")[0])
+    made = design(entry.camera, 60.0, nearest, math.inf, pupil_to_prism_mm=entry.pupil_to_prism_mm)
+    assert overlap_share(made.rig, nearest)[0] == pytest.approx(0.25, abs=0.07)
+    assert overlap_share(made.rig, math.inf)[0] == pytest.approx(0.25, abs=0.07)
 
 
 def test_too_few_labels_are_answered_with_the_nearest_range() -> None:
@@ -190,7 +228,7 @@ def test_too_few_labels_are_answered_with_the_nearest_range() -> None:
     ) as told:
         design(entry.camera, 50.0, 350.0, math.inf, labels=64, pupil_to_prism_mm=entry.pupil_to_prism_mm)
     nearest = float(str(told.value).split("begin at ")[1].split(" mm")[0])
-    made = design(entry.camera, 50.0, nearest + 2, math.inf, labels=64, pupil_to_prism_mm=entry.pupil_to_prism_mm)
+    made = design(entry.camera, 50.0, nearest, math.inf, labels=64, pupil_to_prism_mm=entry.pupil_to_prism_mm)
     assert made.rig.range.labels == 64
 
 
@@ -222,6 +260,14 @@ def test_the_baseline_answers_to_each_dimension_as_the_reference_says(dslr: Rig)
     assert found.glass_index_mm_per_unit == pytest.approx(2.26, abs=0.005)
 
 
+def test_a_mirror_that_all_but_touches_the_prism_has_the_same_sensitivities(dslr: Rig) -> None:
+    near_edge_mm = 12.7 * (1 - 9.5 / dslr.prism.height_mm)  # where the prism's face is, at the height of that edge
+    tight = msgspec.structs.replace(dslr.mirrors, near_edge_mm=near_edge_mm + 1e-6)
+    found = sensitivities(msgspec.structs.replace(dslr, mirrors=tight))
+    assert found.near_edge_mm_per_mm == pytest.approx(2.79, abs=0.005)
+    assert found.prism_side_mm_per_mm == pytest.approx(1.46, abs=0.005)
+
+
 def test_the_vergence_answers_to_the_mirrors_fourfold(rig: Rig) -> None:
     turned = msgspec.structs.replace(
         rig, mirrors=msgspec.structs.replace(rig.mirrors, angle_deg=rig.mirrors.angle_deg + 0.1)
@@ -234,8 +280,9 @@ def test_a_perfect_unit_has_only_the_error_of_the_glass(dslr: Rig) -> None:
     exact = Tolerances(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, creep_deg=0.0)
     found = assembly(dslr, exact, units=2)
     assert found.baseline_spread_mm == 0
-    assert found.rows_apart_px == pytest.approx(0, abs=1e-6)
-    assert found.error_from_drawing_mm == found.error_calibrated_mm == found.error_after_creep_mm
+    assert found.rows_apart_px < 0.05  # what no pinhole follows moves rows as well
+    for other in (found.error_calibrated_mm, found.error_after_creep_mm):
+        assert found.error_from_drawing_mm == pytest.approx(other, rel=1e-5)  # the index is written with nine digits
     assert found.error_calibrated_mm["500"] < 0.2
 
 
@@ -252,9 +299,9 @@ def test_calibration_absorbs_tilted_mirrors_but_not_what_creeps_later(dslr: Rig)
 
 def test_an_error_of_the_drawing_is_what_its_angle_makes_of_the_disparity(dslr: Rig) -> None:
     # a mirror turned by 0.01 degrees turns its view by 0.02: the same error as a creep of that size
-    found = assembly(dslr, Tolerances(0.01, 0.0, 0.0, 0.0, 0.0, 0.0), units=200)
+    found = assembly(dslr, Tolerances(0.01, 0.0, 0.0, 0.0, 0.0, 0.0), units=120)
     # two independent mirrors; the median of |N(0, s)| is 0.6745 s
-    assert found.error_from_drawing_mm["1000"] == pytest.approx(0.6745 * math.sqrt(2) * 7.0, rel=0.15)
+    assert found.error_from_drawing_mm["1000"] == pytest.approx(0.6745 * math.sqrt(2) * 7.0, rel=0.2)
 
 
 def test_the_same_seed_builds_the_same_units(oak: Rig) -> None:
@@ -264,10 +311,10 @@ def test_the_same_seed_builds_the_same_units(oak: Rig) -> None:
 
 def test_the_spread_of_the_baseline_is_what_the_sensitivities_say(dslr: Rig) -> None:
     only_position = Tolerances(0.0, 0.2, 0.0, 0.0, 0.0, 0.0)
-    found, slopes = assembly(dslr, only_position, units=400), sensitivities(dslr)
+    found, slopes = assembly(dslr, only_position, units=150), sensitivities(dslr)
     # each mirror gives half of the baseline, and both are placed on their own
     expected = 0.2 * math.hypot(slopes.near_edge_mm_per_mm, slopes.offset_mm_per_mm) / math.sqrt(2)
-    assert found.baseline_spread_mm == pytest.approx(expected, rel=0.1)
+    assert found.baseline_spread_mm == pytest.approx(expected, rel=0.15)
 
 
 def test_mirrors_that_touch_the_prism_cannot_be_built(dslr: Rig) -> None:

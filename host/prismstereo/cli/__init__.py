@@ -17,7 +17,7 @@ __all__ = ["VERBS", "cli", "main"]
 
 VERBS = {
     "demo": "The main job with no hardware: simulated sensor, real firmware, depth picture, point cloud.",
-    "design": "What the optics of a rig give: baseline, fields, overlap, depth steps.",
+    "design": "What the optics of a rig give, or the rig for a wish: baseline, range, camera.",
     "simulate": "Make a session with the optical twin: raw frames, board views, truth.",
     "calibrate": "Solve the calibration of a unit from views of a board, and judge it.",
     "depth": "Raw frames to disparity, depth, point cloud and picture.",

@@ -1,0 +1,1 @@
+"""The printable mount of a prism rig, drawn from the rig's own file: `layout` decides, the other modules cut material."""
