@@ -159,6 +159,11 @@ class Rig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True,
         del side
         return ()
 
+    def obstacles(self, side: Side) -> tuple[Surface, ...]:
+        """Return what a viewpoint's rays may run into after the last of their surfaces; the name says what happens."""
+        del side
+        return ()
+
     def folded(self, side: Side) -> FoldedView | None:
         """Return the exact closed form of a view, None where its glass has none."""
         return unfold_mirrors(side, self.surfaces(side))

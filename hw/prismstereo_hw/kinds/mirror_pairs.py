@@ -8,6 +8,7 @@ frame is the right view.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from prismstereo_hw.optics.surfaces import Surface, strip
 from prismstereo_hw.rig import Rig, require
@@ -51,6 +52,12 @@ class _MirrorPairs(Rig, frozen=True, forbid_unknown_fields=True, kw_only=True):
     def split_edge_mm(self) -> float:
         """The edge between the inner faces."""
         return self.pupil_to_edge_mm
+
+    def obstacles(self, side: Side) -> tuple[Surface, ...]:
+        """Return the inner faces and the other outer mirror."""
+        (own, _), (other, mirror) = self.surfaces(side), self.surfaces("right" if side == "left" else "left")
+        inner = tuple(replace(face, name="runs into the inner faces") for face in (own, other))
+        return (*inner, replace(mirror, name="strikes the other mirror"))
 
     def _surfaces(self, side: Side, inner_deg: float, inner_length_mm: float, inner_name: str) -> tuple[Surface, ...]:
         s, edge = (-1.0 if side == "left" else 1.0), self.pupil_to_edge_mm

@@ -8,6 +8,7 @@ Its optics unfold to a glass plate: see `optics.unfold`.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import msgspec
 import numpy as np
@@ -86,6 +87,12 @@ class PrismRig(Rig, frozen=True, forbid_unknown_fields=True, kw_only=True, tag="
             strip("exit face", "refract", (s * corner, bottom), apex, prism.length_mm, n, 1.0),
             self._mirror(side),
         )
+
+    def obstacles(self, side: Side) -> tuple[Surface, ...]:
+        """Return the prism, into which a ray may come back, and the other mirror."""
+        own, other = self.surfaces(side), self._mirror("right" if side == "left" else "left")
+        prism = tuple(replace(face, name="re-enters the prism") for face in own[:3])
+        return (*prism, replace(other, name="strikes the other mirror"))
 
     def _mirror(self, side: Side) -> Surface:
         mirrors = self.mirrors

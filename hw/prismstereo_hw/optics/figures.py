@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from prismstereo_hw.errors import RigError
+from prismstereo_hw.optics.colour import chromatic_shift_px
 from prismstereo_hw.optics.outlook import Outlook, outlook
 from prismstereo_hw.optics.sight import best_common_point, sight
 from prismstereo_hw.optics.trace import view_fates
@@ -41,6 +42,9 @@ class RigFigures:
     focal_px: float
     columns_kept: float
     seam_px: float
+    chromatic_shift_px: float  # between hydrogen C and F at the near end of the range, where it is largest
+    crossed: bool  # whether the left half of the frame is the right view
+    mirrored: tuple[bool, bool]  # whether the left and the right view are mirror images in the raw frame
     viewpoint_residual_mm: float  # largest distance of a ray from the best common point
     viewpoint_mm: tuple[float, float]  # x and z of the left view's best common point
     overlap_from_mm: float
@@ -117,6 +121,9 @@ def figures(rig: Rig) -> RigFigures:
         focal_px=focal_px,
         columns_kept=len(slopes) / rig.views[0].rectangle(rig.camera.video.width, rig.camera.video.height)[2],
         seam_px=_seam_px(rig),
+        chromatic_shift_px=chromatic_shift_px(rig, rig.range.near_mm),
+        crossed=rig.views[0].left > rig.views[1].left,
+        mirrored=(rig.views[0].mirrored, rig.views[1].mirrored),
         viewpoint_residual_mm=max(left.residual_mm, right.residual_mm),
         viewpoint_mm=(float(left.centre_mm[0]), float(left.centre_mm[2])),
         overlap_from_mm=begin,

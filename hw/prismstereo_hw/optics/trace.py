@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 __all__ = ["Traced", "trace", "view_fates"]
 
 Array = NDArray[np.float64]
+_LEFT_MM = 1e-6  # beyond this a ray has left the surface it was last on
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,13 +62,7 @@ def trace(surfaces: tuple[Surface, ...], point_mm: Array, direction: Array) -> T
 
     for surface in surfaces:
         normal = surface.normal
-        with np.errstate(divide="ignore", invalid="ignore"):
-            distance = ((surface.centre_mm - point) @ normal) / (direction @ normal)
-            point = point + distance[..., None] * direction
-        offset = point - surface.centre_mm
-        inside = (np.abs(offset @ surface.along) <= surface.half_along_mm) & (
-            np.abs(offset @ surface.across) <= surface.half_across_mm
-        )
+        point, distance, inside = _meet(surface, point, direction)
         fail(~(inside & (distance > 0)), f"misses the {surface.name}")
         if surface.action == "refract":
             direction, passes = _refract(direction, normal, surface.index_before / surface.index_after)
@@ -82,7 +77,31 @@ def trace(surfaces: tuple[Surface, ...], point_mm: Array, direction: Array) -> T
 
 
 def view_fates(rig: Rig, side: Side, slopes: Array) -> Traced:
-    """Trace the real lens' ideal slopes (..., 2) through one view of a rig, from the entrance pupil."""
+    """Trace the real lens' ideal slopes (..., 2) through one view of a rig, from the entrance pupil, and on to the scene."""
     direction = np.concatenate([slopes, np.ones_like(slopes[..., :1])], axis=-1)
     direction /= np.linalg.norm(direction, axis=-1, keepdims=True)
-    return trace(rig.surfaces(side), np.zeros(3), direction)
+    return _onwards(trace(rig.surfaces(side), np.zeros(3), direction), rig.obstacles(side))
+
+
+def _onwards(traced: Traced, obstacles: tuple[Surface, ...]) -> Traced:
+    """Give rays that came through, and then run into something, that as their fate."""
+    fate, fates = traced.fate.copy(), list(traced.fates)
+    for obstacle in obstacles:
+        _, distance, inside = _meet(obstacle, traced.point_mm, traced.direction)
+        if obstacle.name not in fates:
+            fates.append(obstacle.name)
+        fate[inside & (distance > _LEFT_MM) & (fate == 0)] = fates.index(obstacle.name)
+    return Traced(traced.point_mm, traced.direction, fate, tuple(fates))
+
+
+def _meet(surface: Surface, point: Array, direction: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Return where rays meet a surface's plane, how far ahead, and whether that is within its aperture."""
+    normal = surface.normal
+    with np.errstate(divide="ignore", invalid="ignore"):
+        distance = ((surface.centre_mm - point) @ normal) / (direction @ normal)
+        met = point + distance[..., None] * direction
+    offset = met - surface.centre_mm
+    inside = (np.abs(offset @ surface.along) <= surface.half_along_mm) & (
+        np.abs(offset @ surface.across) <= surface.half_across_mm
+    )
+    return met, distance, inside
