@@ -66,6 +66,8 @@ def test_a_rig_of_the_literature_calibrates_and_gives_depth(name: str) -> None:
     assert solution.rms_px < allowed.rms_px
     truth = true_disparity(twin.truth(1), rectification(solution.calibration))
     error = np.abs(found.depth() - found.window.depth(truth)) / found.window.depth(truth)
-    print(f"{name}: rms {solution.rms_px:.3f} px, depth error {np.nanmedian(error):.4f}, {np.isfinite(error).mean():.2f} of it")
+    print(
+        f"{name}: rms {solution.rms_px:.3f} px, depth error {np.nanmedian(error):.4f}, {np.isfinite(error).mean():.2f} of it"
+    )
     assert np.isfinite(error).mean() > 0.25
     assert np.nanmedian(error) < allowed.depth
