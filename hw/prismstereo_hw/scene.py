@@ -1,4 +1,4 @@
-"""Scenes for the optical twin: textured rectangles and boards in the rig frame, at rest or moving straight on.
+"""Scenes for the optical twin: textured things in the rig frame, at rest or moving, and the light on them.
 
 Rig frame: origin in the entrance pupil, z forward, x right, y down, millimetres. A facing rectangle has its u axis along
 x and its v axis along y.
@@ -13,76 +13,50 @@ import numpy as np
 from numpy.typing import NDArray
 
 from prismstereo_hw.errors import UsageError
+from prismstereo_hw.light import Light
 from prismstereo_hw.optics.figures import common_strip_mm, common_width_mm
 from prismstereo_hw.optics.outlook import outlook
 from prismstereo_hw.optics.sight import sight
 from prismstereo_hw.optics.trace import view_fates
 from prismstereo_hw.rig import Rig
-from prismstereo_hw.texture import Checkered, Noise, Texture
+from prismstereo_hw.shapes import sets
+from prismstereo_hw.shapes.rectangle import Rectangle, board
+from prismstereo_hw.shapes.shape import Array, Shape
+from prismstereo_hw.shapes.stage import Stage
 from prismstereo_hw.view import Side
 
-__all__ = ["SCENES", "Rectangle", "Scene", "board", "board_poses", "facing_plane", "named"]
-
-Array = NDArray[np.float64]
+__all__ = ["SCENES", "Light", "Rectangle", "Scene", "Shape", "board", "board_poses", "facing_plane", "named"]
 
 SCENES = {
     "plane:MM": "one textured plane facing the rig at a distance, e.g. plane:500",
     "desk": "boxes' faces between the near end of the range and up to three times as far, one of them moving, a wall behind",
     "board:MM": "a chessboard of 9x7 corners facing the rig at a distance, a wall behind",
+    "sphere:MM": "a turning ball whose nearest point is at a distance, a wall behind",
+    "face": "a face that speaks at 1.1 times the near end of the range, a wall behind",
+    "toy-car": "a toy car driving over a table at 1.35 times the near end of the range, soft shadows on table and wall",
+    "street": "boxes on the ground from 3 to 20 m, one of them driving, a house front at 30 m",
 }
 
 
 @dataclass(frozen=True, slots=True)
-class Rectangle:
-    """A flat textured thing: centre (3,) mm, unit vectors u and v (3,) in its plane, half sizes in mm (may be inf)."""
-
-    name: str
-    centre_mm: Array
-    u: Array
-    v: Array
-    half_u_mm: float
-    half_v_mm: float
-    texture: Texture
-    texture_origin_mm: tuple[float, float] = (0.0, 0.0)  # in u, v from the centre
-    velocity_mm_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
-
-    @property
-    def normal(self) -> Array:
-        """Unit normal (3,)."""
-        return np.cross(self.u, self.v)
-
-    def at(self, seconds: float) -> Rectangle:
-        """Return this rectangle where it is at a time."""
-        return replace(self, centre_mm=self.centre_mm + seconds * np.asarray(self.velocity_mm_s))
-
-    def distance(self, origin: Array, direction: Array) -> Array:
-        """Return how far along each ray (N, 3) this is met, (N,) mm; inf where it is not."""
-        normal = self.normal
-        with np.errstate(divide="ignore", invalid="ignore"):
-            reach = ((self.centre_mm - origin) @ normal) / (direction @ normal)
-            offset = origin + reach[:, None] * direction - self.centre_mm
-            across, down = np.abs(offset @ self.u), np.abs(offset @ self.v)
-        met = (reach > 1e-6) & np.isfinite(reach) & (across <= self.half_u_mm) & (down <= self.half_v_mm)
-        return np.where(met, reach, np.inf)
-
-    def shade(self, point: Array, pixel_mm: Array) -> Array:
-        """Return grey levels (N,) at points (N, 3) of this surface, seen by pixels of a size (N,) in mm."""
-        offset = point - self.centre_mm
-        u0, v0 = self.texture_origin_mm
-        return self.texture.shade(offset @ self.u - u0, offset @ self.v - v0, pixel_mm)
-
-
-@dataclass(frozen=True, slots=True)
 class Scene:
-    """Everything the rig looks at; what meets no surface is as dark as `background_grey`."""
+    """Everything the rig looks at; what meets no surface is as dark as `background_grey`.
+
+    Without a light, surfaces are as bright as their textures.
+    """
 
     name: str
-    surfaces: tuple[Rectangle, ...]
+    surfaces: tuple[Shape, ...]
     background_grey: float = 12.0
+    light: Light | None = None
 
     def at(self, seconds: float) -> Scene:
         """Return the scene as it stands at a time."""
-        return replace(self, surfaces=tuple(surface.at(seconds) for surface in self.surfaces))
+        return replace(
+            self,
+            surfaces=tuple(surface.at(seconds) for surface in self.surfaces),
+            light=self.light and self.light.at(seconds),
+        )
 
     def first_hit(self, origin: Array, direction: Array) -> tuple[Array, NDArray[np.int16]]:
         """Return the distance (N,) to the nearest surface along rays (N, 3), inf for none, and its index, -1 for none."""
@@ -94,53 +68,33 @@ class Scene:
             nearest[nearer], which[nearer] = reach[nearer], index
         return nearest, which
 
+    def shade(self, origin: Array, direction: Array, way_mm: Array, focal_px: float) -> Array:
+        """Return the grey level (N,) float64, 0 to 255, that each ray (N, 3), (N, 3) of unit direction brings.
 
-def _texel_mm(rig: Rig, distance_mm: float) -> float:
-    return distance_mm / rig.lens().fx_px / 2  # half a video pixel: the finest detail a sensor could see
+        `way_mm` (N,) is how far light still goes from the origin to the pinhole; with the focal length in pixels it gives
+        the size of the patch that a pixel averages over.
+        """
+        reach, which = self.first_hit(origin, direction)
+        grey = np.full(len(reach), self.background_grey)
+        pixel_mm = (reach + way_mm) / focal_px
+        for index, surface in enumerate(self.surfaces):
+            here = which == index
+            if here.any():
+                point = origin[here] + reach[here, None] * direction[here]
+                grey[here] = surface.shade(point, pixel_mm[here])
+                if self.light is not None:
+                    share = self.light.share(point, surface.normals(point), direction[here], self._free_way)
+                    grey[here] = np.minimum(grey[here] * share, 255.0)
+        return grey
 
-
-def _facing(
-    rig: Rig, name: str, centre: tuple[float, float, float], half: tuple[float, float], seed: int,
-    velocity: tuple[float, float, float] = (0.0, 0.0, 0.0), mean: float = 120.0,
-) -> Rectangle:  # fmt: skip
-    """Make a rectangle that faces the rig; centre and velocity are those of the scene frame."""
-    looking = outlook(rig)
-    x, y, _ = (looking.R_rig_from_scene @ axis for axis in np.eye(3))
-    dx, dy, dz = looking.R_rig_from_scene @ np.array(velocity)
-    return Rectangle(
-        name=name,
-        centre_mm=looking.to_rig(np.array(centre)),
-        u=x,
-        v=y,
-        half_u_mm=half[0],
-        half_v_mm=half[1],
-        texture=Noise(seed=seed, texel_mm=_texel_mm(rig, centre[2]), mean=mean),
-        velocity_mm_s=(float(dx), float(dy), float(dz)),
-    )
+    def _free_way(self, origin: Array, direction: Array) -> Array:
+        return self.first_hit(origin, direction)[0]
 
 
 def facing_plane(rig: Rig, distance_mm: float, seed: int = 1) -> Scene:
     """Return one endless textured plane at z = `distance_mm` of the scene frame (see `optics.outlook`)."""
-    return Scene(f"plane:{distance_mm:g}", (_facing(rig, "plane", (0.0, 0.0, distance_mm), (np.inf, np.inf), seed),))
-
-
-def board(columns: int, rows: int, square_mm: float, R: Array, t_mm: Array, *, name: str = "board") -> Rectangle:
-    """Return a chessboard whose first inner corner lies at t (3,) and whose axes are the columns of R (3, 3).
-
-    A board point X_board = (i square, j square, 0) stands at R X_board + t in the rig frame.
-    """
-    middle = np.array([(columns - 1) / 2, (rows - 1) / 2]) * square_mm
-    texture = Checkered(columns=columns, rows=rows, square_mm=square_mm)
-    return Rectangle(
-        name=name,
-        centre_mm=t_mm + R[:, :2] @ middle,
-        u=R[:, 0],
-        v=R[:, 1],
-        half_u_mm=((columns + 1) / 2 + texture.margin_squares) * square_mm,
-        half_v_mm=((rows + 1) / 2 + texture.margin_squares) * square_mm,
-        texture=texture,
-        texture_origin_mm=(-middle[0], -middle[1]),
-    )
+    plane = Stage.before(rig).facing("plane", (0.0, 0.0, distance_mm), (np.inf, np.inf), seed)
+    return Scene(f"plane:{distance_mm:g}", (plane,))
 
 
 def desk(rig: Rig, seed: int = 1) -> Scene:
@@ -149,57 +103,65 @@ def desk(rig: Rig, seed: int = 1) -> Scene:
     depth = max(1.1, min(3.0, 0.8 * rig.range.far_mm / near))  # of the wall, as a multiple of the nearest face
     size = near * math.tan(math.radians(rig.camera.hfov_deg / 4))
     book, screen, wall = (near * depth**part for part in (0.24, 0.535, 1.0))
-    x = [sum(common_strip_mm(rig, z)) / 2 for z in (near, book, screen)]  # the middle of what both views see
+    stage = Stage.before(rig)
+    x = [stage.middle_mm(z) for z in (near, book, screen)]
+    facing = stage.facing
     return Scene(
         "desk",
         (
-            _facing(
-                rig, "box", (x[0] - 0.25 * size, 0.2 * size, near), (0.22 * size, 0.28 * size), seed,
-                (0.2 * size, 0.0, 0.0), 165,
+            facing(
+                "box", (x[0] - 0.25 * size, 0.2 * size, near), (0.22 * size, 0.28 * size), seed, (0.2 * size, 0.0, 0.0), 165
             ),
-            _facing(rig, "book", (x[1] + 0.45 * size, -0.1 * size, book), (0.3 * size, 0.25 * size), seed + 1, mean=90),
-            _facing(rig, "screen", (x[2], -0.3 * size, screen), (0.9 * size, 0.6 * size), seed + 2, mean=140),
-            _facing(rig, "wall", (0.0, 0.0, wall), (np.inf, np.inf), seed + 3),
+            facing("book", (x[1] + 0.45 * size, -0.1 * size, book), (0.3 * size, 0.25 * size), seed + 1, mean=90),
+            facing("screen", (x[2], -0.3 * size, screen), (0.9 * size, 0.6 * size), seed + 2, mean=140),
+            facing("wall", (0.0, 0.0, wall), (np.inf, np.inf), seed + 3),
         ),
     )  # fmt: skip
 
 
+def _board_before_wall(rig: Rig, distance_mm: float, seed: int) -> sets.StageSet:
+    stage, square = Stage.before(rig), board_square_mm(rig, distance_mm)
+    first = stage.pose((stage.middle_mm(distance_mm) - 4 * square, -3 * square, distance_mm))
+    wall = stage.facing("wall", (0.0, 0.0, 1.4 * distance_mm), (np.inf, np.inf), seed)
+    return sets.StageSet((board(9, 7, square, first.R, first.centre_mm), wall))
+
+
+_AT_A_DISTANCE = {"board": _board_before_wall, "sphere": sets.ball}
+_SETS = {"face": sets.face, "toy-car": sets.toy_car, "street": sets.street}
+
+
 def named(rig: Rig, name: str, seed: int = 1) -> Scene:
     """Return a scene by name (see `SCENES`), scaled to the rig's range; `UsageError` lists the names."""
-    kind, _, argument = name.partition(":")
-    if kind == "desk" and not argument:
+    kind = name.partition(":")[0]
+    if name == "desk":
         return desk(rig, seed)
-    if kind in ("plane", "board"):
-        try:
-            distance_mm = float(argument)
-        except ValueError:
-            distance_mm = math.nan
-        front_mm = math.ceil(_front_mm(rig))
-        if not front_mm <= distance_mm <= 1e8:
-            raise UsageError(
-                f"scene {name!r}: give the distance in mm after the colon, beyond the rig itself and up to 1e8: "
-                f"{front_mm} to 1e8, e.g. {kind}:500"
-            )
-        if kind == "plane":
-            return facing_plane(rig, distance_mm, seed)
-        square, looking = board_square_mm(rig, distance_mm), outlook(rig)
-        middle = sum(common_strip_mm(rig, distance_mm)) / 2
-        first = looking.to_rig(np.array([middle - 4 * square, -3 * square, distance_mm]))
-        wall = _facing(rig, "wall", (0.0, 0.0, 1.4 * distance_mm), (np.inf, np.inf), seed)
-        return Scene(name, (board(9, 7, square, looking.R_rig_from_scene, first), wall))
+    if name in _SETS:
+        return _scene(name, _SETS[name](rig, seed))
+    if kind == "plane":
+        return facing_plane(rig, _distance_mm(rig, name), seed)
+    if kind in _AT_A_DISTANCE:
+        return _scene(name, _AT_A_DISTANCE[kind](rig, _distance_mm(rig, name), seed))
     raise UsageError(f"there is no scene {name!r}: choose one of {', '.join(SCENES)}")
 
 
-def _front_mm(rig: Rig) -> float:
-    """Return how far the rig itself reaches towards the scene: its lens, or the farthest corner of a prism or mirror."""
-    looking = outlook(rig)
-    corners = [looking.to_scene(np.zeros(3))] + [
-        looking.to_scene(part.centre_mm + s * part.half_along_mm * part.along)
-        for side in ("left", "right")
-        for part in rig.surfaces(side)
-        for s in (-1, 1)
-    ]
-    return max(1.0, *(float(corner[2]) for corner in corners))
+def _scene(name: str, built: sets.StageSet) -> Scene:
+    return Scene(name, built.shapes, built.background_grey, built.light)
+
+
+def _distance_mm(rig: Rig, name: str) -> float:
+    """Read the distance behind the colon of a scene's name; `UsageError` for one that is not before the rig."""
+    kind, _, argument = name.partition(":")
+    try:
+        distance_mm = float(argument)
+    except ValueError:
+        distance_mm = math.nan
+    front_mm = math.ceil(Stage.before(rig).front_mm())
+    if not front_mm <= distance_mm <= 1e8:
+        raise UsageError(
+            f"scene {name!r}: give the distance in mm after the colon, beyond the rig itself and up to 1e8: "
+            f"{front_mm} to 1e8, e.g. {kind}:500"
+        )
+    return distance_mm
 
 
 def board_square_mm(rig: Rig, distance_mm: float, columns: int = 9) -> float:

@@ -6,24 +6,30 @@ meets, wherever the software thinks the seam is. The twin knows no calibration, 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from prismstereo_hw.coverage import coverage
 from prismstereo_hw.frame import RawFrame
-from prismstereo_hw.optics.sight import Sight, sight
+from prismstereo_hw.kinds import AnyRig
+from prismstereo_hw.optics.sight import Sight
 from prismstereo_hw.optics.trace import view_fates
-from prismstereo_hw.rig import Mode, Rig
+from prismstereo_hw.pupil import Pupil
+from prismstereo_hw.render import Renderer, Strip
+from prismstereo_hw.rig import Mode
 from prismstereo_hw.scene import Scene
-from prismstereo_hw.view import Side
+from prismstereo_hw.sensor import SensorModel
+from prismstereo_hw.surroundings import Surroundings
 
 __all__ = ["Truth", "Twin"]
 
 Array = NDArray[np.float64]
-_BAND_PIXELS = 1 << 18  # rows are rendered in bands of about this many pixels, so that memory stays small
-_SIDES: tuple[Side, Side] = ("left", "right")
+_MIDDLE = Pupil()
+_AS_DRAWN = Surroundings()
 _SAME_POINT = 1e-3  # relative tolerance that says two rays met the same surface point
 
 
@@ -48,98 +54,82 @@ class Twin:
     """A simulated rig in front of a scene.
 
     `noise` is the standard deviation of sensor noise in grey levels; `seed` makes it. The same twin gives the same frames.
+    A `sensor` takes the place of that plain noise. `rig` is the rig of the file; the frames and the truth are those of
+    the rig as its `surroundings` make it stand, but the truth is seen through clean glass and the middle of the pupil.
     """
 
-    rig: Rig
+    rig: AnyRig
     scene: Scene
     mode: Mode | None = None
     noise: float = 1.0
     seed: int = 1
+    pupil: Pupil = _MIDDLE
+    sensor: SensorModel | None = None
+    surroundings: Surroundings = _AS_DRAWN
+
+    @cached_property
+    def standing(self) -> AnyRig:
+        """The rig as it really stands in its surroundings."""
+        return self.surroundings.applied(self.rig)
 
     @cached_property
     def _mode(self) -> Mode:
         return self.mode or self.rig.camera.video
 
     @cached_property
-    def _views(self) -> dict[Side, Sight]:
-        return {"left": sight(self.rig, "left"), "right": sight(self.rig, "right")}
+    def _renderer(self) -> Renderer:
+        return Renderer(self.standing, self._mode, self.pupil, self.surroundings.spots)
 
-    @cached_property
-    def _seen_by(self) -> NDArray[np.int8]:
-        """Which view each pixel of each exposure belongs to, (exposures, height, width): 0 left, 1 right, -1 no light."""
-        return np.stack(
-            [
-                np.concatenate([self._band_seen_by(exposure, *rows) for rows in self._bands()])
-                for exposure in range(self.rig.views[0].exposures)
-            ]
-        )
+    @property
+    def _views(self) -> tuple[Sight, Sight]:
+        return self._renderer.views
 
-    def _bands(self) -> list[tuple[int, int]]:
-        step = max(1, _BAND_PIXELS // self._mode.width)
-        return [(top, min(top + step, self._mode.height)) for top in range(0, self._mode.height, step)]
-
-    def _slopes(self, top: int, bottom: int) -> Array:
-        columns, rows = np.meshgrid(np.arange(self._mode.width, dtype=float), np.arange(top, bottom, dtype=float))
-        return self.rig.lens(self._mode).slopes(np.stack([columns, rows], axis=-1))
-
-    def _band_seen_by(self, exposure: int, top: int, bottom: int) -> NDArray[np.int8]:
-        slopes = self._slopes(top, bottom)
-        rows = np.arange(top, bottom)[:, None]
-        seen_by = np.full(slopes.shape[:2], -1, np.int8)
-        # a direct view is blocked by the mirror of the other one, so whoever meets more surfaces comes first
-        for side in sorted(_SIDES, key=lambda side: -len(self.rig.surfaces(side))):
-            view = self.rig.views[_SIDES.index(side)]
-            if view.exposure == exposure:
-                mine = (seen_by < 0) & (rows % view.row_step == view.row_start)
-                lit = view_fates(self.rig, side, slopes[mine]).fate == 0
-                seen_by[mine] = np.where(lit, _SIDES.index(side), -1)
-        return seen_by
+    @property
+    def _row_us(self) -> float:
+        return self.sensor.rolling_shutter_us if self.sensor else 0.0
 
     def frame(self, index: int = 0, timestamp_us: int | None = None) -> RawFrame:
         """Expose frame `index` at its time (default: the index over the video rate): (height, width) grey, all views.
 
-        Views that are taken one after the other lie one below the other, `height` rows each; the scene rests meanwhile.
+        Behind a rolling shutter that is the middle of row 0's exposure. Views that are taken one after the other lie one
+        below the other, `height` rows each; the scene rests meanwhile.
         """
-        if timestamp_us is None:
-            timestamp_us = round(index * 1e6 / self.rig.camera.video.rate_hz)
-        scene = self.scene.at(timestamp_us / 1e6)
-        bands = [
-            self._render(scene, exposure, *rows) for exposure in range(len(self._seen_by)) for rows in self._bands()
-        ]
-        grey = np.concatenate(bands)
+        timestamp_us = self._timestamp_us(index, timestamp_us)
+        instants = self.sensor.instants_us(timestamp_us) if self.sensor else [float(timestamp_us)]
+        grey = self._renderer.grey(self._strips(instants))
+        return RawFrame(self._read_out(grey, index), index, timestamp_us, self.surroundings.lens_position)
+
+    def _timestamp_us(self, index: int, timestamp_us: int | None) -> int:
+        return round(index * 1e6 / self.rig.camera.video.rate_hz) if timestamp_us is None else timestamp_us
+
+    def _strips(self, instants_us: Sequence[float]) -> list[Strip]:
+        """Say which rows see the scene at which times: all at once, or row by row."""
+
+        def scenes(delay_us: float) -> tuple[Scene, ...]:
+            return tuple(self.scene.at((instant_us + delay_us) / 1e6) for instant_us in instants_us)
+
+        if not self._row_us:
+            return self._renderer.strips(scenes(0.0))
+        return [(row, row + 1, scenes(row * self._row_us)) for row in range(self._mode.height)]
+
+    def _read_out(self, grey: NDArray[np.float32], index: int) -> NDArray[np.uint8]:
         rng = np.random.default_rng([self.seed, index])
-        noisy = grey + self.noise * rng.standard_normal(grey.shape, np.float32) if self.noise else grey
-        return RawFrame(np.clip(np.rint(noisy), 0, 255).astype(np.uint8), index, timestamp_us)
-
-    def _render(self, scene: Scene, exposure: int, top: int, bottom: int) -> NDArray[np.float32]:
-        slopes = self._slopes(top, bottom)
-        grey = np.zeros(slopes.shape[:2], np.float32)
-        seen_by = self._seen_by[exposure, top:bottom]
-        for number, side in enumerate(_SIDES):
-            lit = seen_by == number
-            if lit.any():
-                origin, direction = self._views[side].rays(slopes[lit])
-                grey[lit] = self._shade(scene, self._views[side].centre_mm, origin, direction)
-        return grey
-
-    def _shade(self, scene: Scene, centre_mm: Array, origin: Array, direction: Array) -> Array:
-        reach, which = scene.first_hit(origin, direction)
-        grey = np.full(len(reach), scene.background_grey)
-        way_mm = reach + np.linalg.norm(origin - centre_mm, axis=1)  # from the pinhole: what sizes a pixel's footprint
-        pixel_mm = way_mm / self.rig.lens(self._mode).fx_px
-        for index, surface in enumerate(scene.surfaces):
-            here = which == index
-            if here.any():
-                point = origin[here] + reach[here, None] * direction[here]
-                grey[here] = surface.shade(point, pixel_mm[here])
-        return grey
+        if self.sensor:
+            return self.sensor.expose(grey, rng)
+        if self.noise:
+            noise = rng.standard_normal(grey.shape, np.float32)
+            noise *= np.float32(self.noise)
+            grey += noise
+        return np.clip(np.rint(grey, out=grey), 0, 255, out=grey).astype(np.uint8)
 
     def truth(self, index: int = 0, timestamp_us: int | None = None) -> Truth:
-        """Return the truth behind frame `index`; `match_px` is exact to floating point of 32 bits."""
-        if timestamp_us is None:
-            timestamp_us = round(index * 1e6 / self.rig.camera.video.rate_hz)
-        scene = self.scene.at(timestamp_us / 1e6)
-        slopes, shown = self._left_picture()
+        """Return the truth behind frame `index`; `match_px` is exact to floating point of 32 bits.
+
+        Behind a rolling shutter each pixel has the truth of its own row's time, and so has its match: a match in another
+        row is off by what moves between the two rows.
+        """
+        timestamp_us = self._timestamp_us(index, timestamp_us)
+        slopes, rows, shown = self._left_picture()
         h, w = shown.shape
         truth = Truth(
             depth_mm=np.full((h, w), np.nan, np.float32),
@@ -147,39 +137,48 @@ class Twin:
             occluded=np.zeros((h, w), bool),
             objects=np.zeros((h, w), np.uint8),
         )
-        origin, direction = self._views["left"].rays(slopes[shown])
+        for top, bottom, (scene,) in self._strips([float(timestamp_us)]):
+            here = shown & (rows >= top) & (rows < bottom)
+            if here.any():
+                self._add_truth(truth, scene, here, slopes[here])
+        return truth
+
+    def _add_truth(self, truth: Truth, scene: Scene, shown: NDArray[np.bool_], slopes: Array) -> None:
+        """Fill in the truth of pixels `shown` (height, width), whose slopes are (N, 2), while the scene stands like that."""
+        left = self._views[0]
+        origin, direction = left.rays(slopes)
         reach, which = scene.first_hit(origin, direction)
-        point = origin + np.where(np.isfinite(reach), reach, 0)[:, None] * direction
         hit = np.isfinite(reach)
+        point = origin + np.where(hit, reach, 0)[:, None] * direction
         truth.objects[shown] = which + 1
-        truth.depth_mm[shown] = np.where(hit, self._views["left"].view_from_rig(point)[:, 2], np.nan)
+        truth.depth_mm[shown] = np.where(hit, left.view_from_rig(point)[:, 2], np.nan)
         match, visible = self._in_right(scene, point)
         truth.match_px[shown] = np.where((hit & visible)[:, None], match, np.nan)
         truth.occluded[shown] = hit & ~visible
-        return truth
 
-    def _left_picture(self) -> tuple[Array, NDArray[np.bool_]]:
-        """Return the slopes (height, width, 2) of the left view's upright picture, and where it shows anything."""
-        view, width, height = self.rig.views[0], self._mode.width, self._mode.height
+    def _left_picture(self) -> tuple[Array, NDArray[np.intp], NDArray[np.bool_]]:
+        """Return slopes (height, width, 2) and raw rows of the left view's upright picture, and where it shows anything."""
+        view, width, height = self.standing.views[0], self._mode.width, self._mode.height
         x, y, _, _ = view.rectangle(width, height)
         w, h = view.upright_size(width, height)
         upright = np.stack(np.meshgrid(np.arange(x, x + w, dtype=float), np.arange(y, y + h, dtype=float)), axis=-1)
         raw = view.raw_from_upright(upright, width, height)
         columns, rows = np.rint(raw).astype(np.intp)[..., 0], np.rint(raw).astype(np.intp)[..., 1]
-        return self.rig.lens(self._mode).slopes(raw), self._seen_by[view.exposure, rows, columns] == 0
+        shown = coverage(self.standing, self._mode)[view.exposure, rows, columns] == 0
+        return self.standing.lens(self._mode).slopes(raw), rows, shown
 
     def _in_right(self, scene: Scene, point: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Project points (N, 3) into the right view and tell which of them are seen there."""
-        right = self._views["right"]
+        right = self._views[1]
         slopes = right.slopes(point)
-        pixel = self.rig.lens(self._mode).project_slopes(slopes)
-        x, y, w, h = self.rig.views[1].rectangle(self._mode.width, self._mode.height)
+        pixel = self.standing.lens(self._mode).project_slopes(slopes)
+        x, y, w, h = self.standing.views[1].rectangle(self._mode.width, self._mode.height)
         with np.errstate(invalid="ignore"):
             visible = np.all((pixel >= [x, y]) & (pixel <= [x + w - 1, y + h - 1]), axis=1)
         candidates = np.flatnonzero(visible)
         origin, direction = right.rays(slopes[candidates])
         reach, _ = scene.first_hit(origin, direction)
         own = np.linalg.norm(point[candidates] - origin, axis=1)
-        lit = view_fates(self.rig, "right", slopes[candidates]).fate == 0
+        lit = view_fates(self.standing, "right", slopes[candidates]).fate == 0
         visible[candidates] = lit & (reach > own * (1 - _SAME_POINT))
         return pixel, visible

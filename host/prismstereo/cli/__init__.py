@@ -20,6 +20,7 @@ VERBS = {
     "design": "What the optics of a rig give, or the rig for a wish: baseline, range, camera.",
     "simulate": "Make a session with the optical twin: raw frames, board views, truth.",
     "calibrate": "Solve the calibration of a unit from views of a board, and judge it.",
+    "align": "How a rig stands against its rig file: seam, vertical offset, vergence, focus balance.",
     "depth": "Raw frames to disparity, depth, point cloud and picture.",
     "match": "One rectified pair to a disparity map.",
     "devices": "List serial ports, or ask one who it is.",

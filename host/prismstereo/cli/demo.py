@@ -20,7 +20,9 @@ if TYPE_CHECKING:
 
 @click.command("demo", epilog="Example:  prismstereo demo --rig dslr-35mm --scene plane:700 --frames 5 -o out")
 @click.option("--rig", default="oak-1", show_default=True, help="Rig of the simulated sensor.")
-@click.option("--scene", default="desk", show_default=True, help="desk, plane:MM or board:MM.")
+@click.option(
+    "--scene", default="desk", show_default=True, help="desk, face, toy-car, street, plane:MM, sphere:MM or board:MM."
+)
 @click.option("--frames", default=12, show_default=True, type=click.IntRange(1, 10_000), help="Frames to receive.")
 @click.option("--port", help="A sensor that runs already (serial port or tcp:HOST:PORT), instead of the simulated one.")
 @click.option("--out", "-o", default="demo", show_default=True, type=click.Path(path_type=Path), help="Results folder.")

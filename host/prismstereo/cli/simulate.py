@@ -12,7 +12,8 @@ from prismstereo_hw.errors import UsageError
 
 if TYPE_CHECKING:
     from prismstereo_hw.rig import Rig
-    from prismstereo_hw.session import SessionWriter
+    from prismstereo_hw.sensor import SensorModel
+    from prismstereo_hw.session import SessionInfo, SessionWriter
     from prismstereo_hw.twin import Twin
 
 _COLUMNS, _ROWS = 9, 7  # inner corners of the simulated calibration board
@@ -22,24 +23,55 @@ _COLUMNS, _ROWS = 9, 7  # inner corners of the simulated calibration board
     "simulate", epilog="Example:  prismstereo simulate oak-1 --scene desk --frames 10 --boards 15 --out desk"
 )
 @click.argument("rig")
-@click.option("--scene", default="desk", show_default=True, help="desk, plane:MM or board:MM.")
+@click.option(
+    "--scene", default="desk", show_default=True, help="desk, face, toy-car, street, plane:MM, sphere:MM or board:MM."
+)
 @click.option("--out", "-o", required=True, type=click.Path(path_type=Path), help="Session folder to make.")
 @click.option("--frames", default=5, show_default=True, type=click.IntRange(0, 100_000), help="Video frames.")
 @click.option(
-    "--stills", default=0, show_default=True, type=click.IntRange(0, 1000), help="Full-sensor stills, 1 s apart."
+    "--stills",
+    default=0,
+    show_default=True,
+    type=click.IntRange(0, 1000),
+    help="Full-sensor stills, at irregular instants a second apart or more.",
 )
 @click.option("--boards", default=0, show_default=True, type=click.IntRange(0, 200), help="Calibration board views.")
 @click.option(
-    "--noise", default=1.0, show_default=True, type=click.FloatRange(0, 50), help="Sensor noise, grey levels."
+    "--noise", default=1.0, show_default=True, type=click.FloatRange(0, 50), help="Read noise, grey levels at gain 1."
 )
-@click.option("--seed", default=1, show_default=True, help="Makes textures, poses and noise.")
+@click.option("--sensor-noise", is_flag=True, help="Add the noise of the photons to the read noise.")
+@click.option(
+    "--exposure-us",
+    default=10_000.0,
+    show_default=True,
+    type=click.FloatRange(1, 1_000_000),
+    help="Exposure; the scene's own grey levels are those at the default.",
+)
+@click.option("--gain", default=1.0, show_default=True, type=click.FloatRange(0.01, 1000), help="Gain after exposure.")
+@click.option(
+    "--motion-blur",
+    default=1,
+    show_default=True,
+    type=click.IntRange(1, 256),
+    help="Instants averaged over the exposure.",
+)
+@click.option(
+    "--pupil-samples",
+    default=1,
+    show_default=True,
+    type=click.IntRange(1, 256),
+    help="Points of the pupil near the seam: 8 to 16 show the band in which both views mix.",
+)
+@click.option("--seed", default=1, show_default=True, help="Makes textures, poses, still times and noise.")
 @json_option
 def command(
-    rig: str, scene: str, out: Path, frames: int, stills: int, boards: int, noise: float, seed: int, as_json: bool
-) -> None:
+    rig: str, scene: str, out: Path, frames: int, stills: int, boards: int, noise: float, sensor_noise: bool,
+    exposure_us: float, gain: float, motion_blur: int, pupil_samples: int, seed: int, as_json: bool,
+) -> None:  # fmt: skip
     """Render a session of RIG before a scene: raw video, stills, board views, and the truth behind every frame."""
     from prismstereo_calibration.model import Calibration
     from prismstereo_calibration.store import write
+    from prismstereo_hw.pupil import Pupil
     from prismstereo_hw.rig import Rig
     from prismstereo_hw.scene import named
     from prismstereo_hw.session import SessionWriter
@@ -48,21 +80,24 @@ def command(
     if not frames + stills + boards:
         raise UsageError("a session of nothing: ask for some --frames, --stills or --boards")
     built = Rig.read(rig)
-    twin = Twin(built, named(built, scene, seed), noise=noise, seed=seed)
+    sensor = _sensor(noise, exposure_us, gain, motion_blur, photons=sensor_noise)
+    twin = Twin(built, named(built, scene, seed), noise=noise, seed=seed, pupil=Pupil(pupil_samples), sensor=sensor)
     writer = SessionWriter(out, built, scene)
     for index in with_progress(range(frames), frames, "video"):
         writer.add("video", twin.frame(index))
         writer.add_truth(index, twin.truth(index))
-    still_twin = Twin(built, twin.scene, mode=built.camera.still, noise=noise, seed=seed + 1)
-    for index in with_progress(range(stills), stills, "stills"):
-        writer.add("stills", still_twin.frame(index, timestamp_us=index * 1_000_000))
+    _add_stills(writer, twin, stills)
     square_mm = _add_boards(writer, built, twin, boards)
     write(out / "calibration.json", Calibration.nominal(built))
     info = writer.finish(board=f"chessboard:{_COLUMNS}x{_ROWS}" if boards else "", square_mm=square_mm)
+    _tell(out, info, as_json=as_json)
+
+
+def _tell(out: Path, info: SessionInfo, *, as_json: bool) -> None:
     say(
         {
             "session": out,
-            "rig": built.name,
+            "rig": info.rig,
             "video_frames": info.video_frames,
             "still_frames": info.still_frames,
             "board_frames": info.board_frames,
@@ -71,10 +106,38 @@ def command(
         },
         [
             f"{out}: {info.video_frames} video frames, {info.still_frames} stills, {info.board_frames} board views of "
-            f"{built.name} before {scene}"
+            f"{info.rig} before {info.scene}"
         ],
         as_json=as_json,
     )
+
+
+def _sensor(noise: float, exposure_us: float, gain: float, motion_blur: int, *, photons: bool) -> SensorModel | None:
+    """Return the sensor that the options ask for; None where plain noise will do."""
+    from prismstereo_hw.sensor import SensorModel
+
+    plain = SensorModel()
+    if not photons and motion_blur == 1 and gain == plain.gain and exposure_us == plain.exposure_us:
+        return None
+    return SensorModel(
+        exposure_us=exposure_us,
+        gain=gain,
+        read_noise_electrons=noise * plain.electrons_per_grey,
+        shot_noise=photons,
+        motion_samples=motion_blur,
+    )
+
+
+def _add_stills(writer: SessionWriter, twin: Twin, count: int) -> None:
+    """Take stills as a person does who watches the video: at irregular instants, never two within a second."""
+    from dataclasses import replace
+
+    from prismstereo_hw.modes import still_instants_us
+
+    camera = replace(twin, mode=twin.rig.camera.still, seed=twin.seed + 1)
+    instants = still_instants_us(count, twin.seed)
+    for index, instant_us in enumerate(with_progress(instants, count, "stills") if count else ()):
+        writer.add("stills", camera.frame(index, timestamp_us=instant_us))
 
 
 def _add_boards(writer: SessionWriter, rig: Rig, twin: Twin, count: int) -> float:

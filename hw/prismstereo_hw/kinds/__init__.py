@@ -1,4 +1,10 @@
-"""The kinds of rigs there are; a rig file names its own as `kind`."""
+"""The kinds of rigs there are; a rig file names its own as `kind`.
+
+A kind says which surfaces each viewpoint's rays meet, where its view lies in the frame, and what cannot be built. Xiao and
+Lim's three-view prism is not among them. Its views would be ordinary polygons, and the tracer would follow them; what
+stands in the way is that a calibration, a rectified pair and a disparity map are of two views: a third one adds a second
+baseline and a consistency check between three maps, not a rectangle. Any two of its views are a rig as they are.
+"""
 
 from __future__ import annotations
 

@@ -1,0 +1,60 @@
+"""What the sensor's options of `prismstereo simulate` do to a session."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from host.command import complaint_of, prismstereo, result_of
+from prismstereo_hw.session import Session
+
+
+@pytest.fixture(scope="module")
+def little(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The file of an OAK-1 with few pixels, whose still is twice as fine as its video, and taller."""
+    text = prismstereo("design", "oak-1", "--toml").stdout
+    for size, wanted in (("1280", "320"), ("720", "180"), ("4056", "640"), ("3040", "480")):
+        text = text.replace(f" {size}", f" {wanted}")
+    path = tmp_path_factory.mktemp("rigs") / "little.toml"
+    path.write_text(text)
+    return path
+
+
+def test_stills_are_full_frames_at_irregular_instants_a_second_apart(little: Path, tmp_path: Path) -> None:
+    result = result_of("simulate", little, "--frames", 2, "--stills", 5, "-o", tmp_path / "s")
+    assert (result["video_frames"], result["still_frames"]) == (2, 5)
+
+    stills = list(Session.open(tmp_path / "s").frames("stills"))
+    assert {still.pixels.shape for still in stills} == {(480, 640)}
+    gaps = np.diff([still.timestamp_us for still in stills])
+    assert gaps.min() >= 1_000_000
+    assert len(set(gaps)) == len(gaps)
+
+
+def test_exposure_gain_noise_pupil_and_motion_reach_the_sensor(little: Path, tmp_path: Path) -> None:
+    common = ("simulate", little, "--scene", "plane:700", "--frames", 1, "--noise", 0)
+    options = {
+        "plain": (),
+        "brighter": ("--exposure-us", 15_000),
+        "evened": ("--exposure-us", 5_000, "--gain", 2, "--motion-blur", 2),
+        "noisy": ("--sensor-noise",),
+        "mixed": ("--pupil-samples", 8),
+    }
+    pictures = {}
+    for name, chosen in options.items():
+        result_of(*common, *chosen, "-o", tmp_path / name)
+        pictures[name] = next(Session.open(tmp_path / name).frames("video")).pixels.astype(float)
+    plain = pictures["plain"]
+    lit = (plain > 30) & (plain < 150)
+    assert np.median(pictures["brighter"][lit] / plain[lit]) == pytest.approx(1.5, abs=0.02)
+    np.testing.assert_array_equal(pictures["evened"], plain)  # half as long, twice amplified; and nothing moves
+    noise = (pictures["noisy"] - plain)[lit]
+    assert noise.var() == pytest.approx(plain[lit].mean() / 40 + 1 / 6, rel=0.1)  # 40 electrons a level, rounded twice
+    changed = np.flatnonzero((pictures["mixed"] != plain).any(axis=0))
+    assert 140 < changed.min() < 160 < changed.max() < 180  # the seam alone
+
+
+def test_an_exposure_of_nothing_is_refused(little: Path, tmp_path: Path) -> None:
+    assert "exposure-us" in complaint_of(2, "simulate", little, "--exposure-us", 0, "-o", tmp_path / "s")
