@@ -11,7 +11,7 @@ from host.command import complaint_of, prismstereo, result_of
 from prismstereo_calibration.model import Calibration
 from prismstereo_calibration.rectification import rectification
 from prismstereo_hw.catalogue import cameras
-from prismstereo_hw.designer import design
+from prismstereo_hw.design.designer import design
 from prismstereo_hw.rig import Rig
 
 

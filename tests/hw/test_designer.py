@@ -8,17 +8,17 @@ import msgspec
 import numpy as np
 import pytest
 
-from prismstereo_hw.box_numbers import overlap_share, window_for
 from prismstereo_hw.catalogue import camera, cameras
-from prismstereo_hw.designer import Design, baseline_reach_mm, design
+from prismstereo_hw.design.box_numbers import overlap_share, window_for
+from prismstereo_hw.design.designer import Design, baseline_reach_mm, design
+from prismstereo_hw.design.limits import limits, widest_field_deg
+from prismstereo_hw.design.sensitivity import sensitivities
+from prismstereo_hw.design.tolerance import Tolerances, assembly
 from prismstereo_hw.errors import RigError
-from prismstereo_hw.limits import limits, widest_field_deg
 from prismstereo_hw.optics.figures import common_width_mm, figures
 from prismstereo_hw.optics.unfold import fold
-from prismstereo_hw.ray_paths import ray_paths
 from prismstereo_hw.rig import Camera, Mode, Rig
-from prismstereo_hw.sensitivity import sensitivities
-from prismstereo_hw.tolerance import Tolerances, assembly
+from prismstereo_hw.sketch.ray_paths import ray_paths
 
 VIDEO = Mode(width=1280, height=720, rate_hz=30.0)
 

@@ -8,13 +8,13 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pytest
 
-from prismstereo_hw.drawing import draw
 from prismstereo_hw.optics.figures import figures
 from prismstereo_hw.optics.trace import view_fates
-from prismstereo_hw.ray_drawing import draw_rays
-from prismstereo_hw.ray_paths import ray_paths
 from prismstereo_hw.rig import Rig
-from prismstereo_hw.svg import Panel, document
+from prismstereo_hw.sketch.drawing import draw
+from prismstereo_hw.sketch.ray_drawing import draw_rays
+from prismstereo_hw.sketch.ray_paths import ray_paths
+from prismstereo_hw.sketch.svg import Panel, document
 
 SVG = "{http://www.w3.org/2000/svg}"
 Shape = list[tuple[float, float]]

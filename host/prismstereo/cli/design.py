@@ -12,7 +12,7 @@ from prismstereo.cli.output import json_option, parse_range, say
 from prismstereo_hw.errors import RigError, UsageError
 
 if TYPE_CHECKING:
-    from prismstereo_hw.designer import Design
+    from prismstereo_hw.design.designer import Design
     from prismstereo_hw.rig import Rig
 
 _DEFAULT_RANGE = "400:inf"
@@ -96,7 +96,7 @@ def _list_cameras(*, as_json: bool) -> None:
 
 def _rig(name: str | None, wish: _Wish, new_name: str) -> tuple[Rig, Design | None]:
     """Return the rig that is meant; its design too if it is new, or of the kind that can be designed."""
-    from prismstereo_hw.designer import examine
+    from prismstereo_hw.design.designer import examine
     from prismstereo_hw.kinds.prism_tir import PrismRig
     from prismstereo_hw.rig import Rig
 
@@ -118,7 +118,7 @@ def _rig(name: str | None, wish: _Wish, new_name: str) -> tuple[Rig, Design | No
 
 def _for_camera(wish: _Wish, name: str) -> Design:
     from prismstereo_hw.catalogue import camera, cameras
-    from prismstereo_hw.designer import design
+    from prismstereo_hw.design.designer import design
 
     if wish.camera is None:
         raise UsageError(
@@ -136,7 +136,7 @@ def _for_camera(wish: _Wish, name: str) -> Design:
 
 def _redesigned(rig: Rig, wish: _Wish, name: str) -> Design:
     """Design anew for the camera of a rig; what is not wished for stays."""
-    from prismstereo_hw.designer import design
+    from prismstereo_hw.design.designer import design
     from prismstereo_hw.kinds.prism_tir import PrismRig
     from prismstereo_hw.optics.figures import figures
 
@@ -159,9 +159,9 @@ def _write(rig: Rig, out: Path | None, svg: Path | None) -> None:
 
 
 def _drawn(rig: Rig) -> str:
-    from prismstereo_hw.drawing import draw
     from prismstereo_hw.kinds.prism_tir import PrismRig
-    from prismstereo_hw.ray_drawing import draw_rays
+    from prismstereo_hw.sketch.drawing import draw
+    from prismstereo_hw.sketch.ray_drawing import draw_rays
 
     return draw(rig) if isinstance(rig, PrismRig) else draw_rays(rig)
 

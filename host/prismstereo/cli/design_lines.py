@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from prismstereo_calibration.window import DisparityWindow
-    from prismstereo_hw.designer import Design
+    from prismstereo_hw.design.designer import Design
     from prismstereo_hw.optics.figures import RigFigures
     from prismstereo_hw.rig import Rig
 

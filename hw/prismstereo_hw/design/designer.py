@@ -17,16 +17,16 @@ from dataclasses import dataclass
 
 import msgspec
 
-from prismstereo_hw.box_numbers import MOST_LABELS, BoxNumbers, box_numbers, overlap_share, window_for
+from prismstereo_hw.design.box_numbers import MOST_LABELS, BoxNumbers, box_numbers, overlap_share, window_for
+from prismstereo_hw.design.limits import Limit, limits
+from prismstereo_hw.design.placement import ExitRays, exit_rays, high_enough, parallel_angle_deg, place, probe
+from prismstereo_hw.design.sensitivity import Sensitivities, sensitivities
+from prismstereo_hw.design.tolerance import ToleranceReport, assembly
 from prismstereo_hw.errors import RigError
 from prismstereo_hw.glass import refractive_index
 from prismstereo_hw.kinds.prism_tir import Prism, PrismRig
-from prismstereo_hw.limits import Limit, limits
 from prismstereo_hw.optics.figures import RigFigures, figures
-from prismstereo_hw.placement import ExitRays, exit_rays, high_enough, parallel_angle_deg, place, probe
 from prismstereo_hw.rig import Camera, RangeWish
-from prismstereo_hw.sensitivity import Sensitivities, sensitivities
-from prismstereo_hw.tolerance import ToleranceReport, assembly
 
 __all__ = ["PRISM_SIDES_MM", "Design", "baseline_reach_mm", "design", "examine"]
 

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import math
 
-from prismstereo_hw.ray_paths import RayPaths, ray_paths
 from prismstereo_hw.rig import Rig
-from prismstereo_hw.svg import Panel, Point, document, words
+from prismstereo_hw.sketch.ray_paths import RayPaths, ray_paths
+from prismstereo_hw.sketch.svg import Panel, Point, document, words
 from prismstereo_hw.view import Side
 
 __all__ = ["draw_rays"]

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 from prismstereo_hw.kinds.prism_tir import PrismRig
 from prismstereo_hw.optics.figures import RigFigures, figures
-from prismstereo_hw.ray_paths import RayPaths, ray_paths
-from prismstereo_hw.svg import Panel, Point, document, words
+from prismstereo_hw.sketch.ray_paths import RayPaths, ray_paths
+from prismstereo_hw.sketch.svg import Panel, Point, document, words
 from prismstereo_hw.view import Side
 
 __all__ = ["draw"]

@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from prismstereo_hw.box_numbers import overlap_share
+from prismstereo_hw.design.box_numbers import overlap_share
 from prismstereo_hw.kinds.prism_tir import PrismRig
 from prismstereo_hw.optics.figures import RigFigures
 from prismstereo_hw.optics.trace import view_fates

@@ -14,11 +14,11 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from prismstereo_hw.design.pinhole import PinholeView, fit_pinhole
 from prismstereo_hw.errors import RigError
 from prismstereo_hw.kinds.prism_tir import Mirrors, Prism, PrismRig
 from prismstereo_hw.optics.figures import kept_slopes
 from prismstereo_hw.optics.unfold import FoldedView, fold
-from prismstereo_hw.pinhole import PinholeView, fit_pinhole
 
 __all__ = ["ABSORBED", "REMAINING", "ToleranceReport", "Tolerances", "assembly"]
 

@@ -1,0 +1,1 @@
+"""From a wish to a rig: placement, limits, sensitivities, assembly tolerances, the numbers on the box. Start at `designer`."""
