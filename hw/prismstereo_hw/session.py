@@ -157,15 +157,18 @@ def _read_stamps(path: Path) -> dict[tuple[str, int], int]:
 
 
 class SessionWriter:
-    """Writes a session folder piece by piece; session.toml comes last, so a folder that has one is whole."""
+    """Writes a session folder piece by piece; session.toml comes last, so a folder that has one is whole.
 
-    def __init__(self, folder: str | Path, rig: Rig, scene: str = "") -> None:
+    `standing` is the rig as it really stood, where that is not what its file says: the truth tells of it.
+    """
+
+    def __init__(self, folder: str | Path, rig: Rig, scene: str = "", standing: Rig | None = None) -> None:
         self.folder = Path(folder)
         if any((self.folder / part).exists() for part in ("session.toml", "video", "stills", "boards", "truth")):
             raise DataError(
                 f"{self.folder} already holds a session, or half of one: give another folder, or remove that one first"
             )
-        self._rig, self._scene = rig, scene
+        self._rig, self._scene, self._standing = rig, scene, standing or rig
         self._stamps: list[tuple[str, int, int]] = []
         self._counts: dict[Kind, int] = {"video": 0, "stills": 0, "boards": 0}
         self._truth = False
@@ -195,7 +198,7 @@ class SessionWriter:
         write_whole(self.folder / "timestamps.csv", ("\n".join(lines) + "\n").encode())
         write_whole(self.folder / "rig.toml", self._rig.toml().encode())
         if self._truth:
-            write_whole(self.folder / "truth" / "lens.toml", tomli_w.dumps(_true_lens(self._rig)).encode())
+            write_whole(self.folder / "truth" / "lens.toml", tomli_w.dumps(_true_lens(self._standing)).encode())
         video = self._rig.camera.video
         info = SessionInfo(
             schema="prismstereo-session/1",

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import tomllib
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from host.command import complaint_of, prismstereo, result_of
+from prismstereo_hw.files import read_picture
 from prismstereo_hw.session import Session
 
 
@@ -58,3 +60,19 @@ def test_exposure_gain_noise_pupil_and_motion_reach_the_sensor(little: Path, tmp
 
 def test_an_exposure_of_nothing_is_refused(little: Path, tmp_path: Path) -> None:
     assert "exposure-us" in complaint_of(2, "simulate", little, "--exposure-us", 0, "-o", tmp_path / "s")
+
+
+def test_dust_warmth_and_a_rolling_shutter_reach_the_session(tmp_path: Path) -> None:
+    clean, day = tmp_path / "clean", tmp_path / "day"
+    result_of("simulate", "oak-1", "--scene", "plane:700", "--frames", 1, "--noise", 0, "-o", clean)
+
+    result_of(
+        "simulate", "oak-1", "--scene", "plane:700", "--frames", 1, "--noise", 0, "--dust", 12, "--drops", 2,
+        "--temperature-c", 60, "--rolling-shutter-us", 20, "-o", day,
+    )  # fmt: skip
+
+    baselines = [tomllib.loads((folder / "truth" / "lens.toml").read_text())["baseline_mm"] for folder in (clean, day)]
+    assert (
+        0.05 < baselines[1] - baselines[0] < 0.3
+    )  # 40 K of PETG move mirrors and prism by about a quarter of a percent
+    assert not np.array_equal(*(read_picture(folder / "video" / "000000.png") for folder in (clean, day)))

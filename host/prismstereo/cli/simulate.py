@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from prismstereo_hw.session import SessionInfo, SessionWriter
     from prismstereo_hw.twin import Twin
 
+_DEFOCUS_SAMPLES = 16
 _COLUMNS, _ROWS = 9, 7  # inner corners of the simulated calibration board
 
 
@@ -62,11 +63,25 @@ _COLUMNS, _ROWS = 9, 7  # inner corners of the simulated calibration board
     type=click.IntRange(1, 256),
     help="Points of the pupil near the seam: 8 to 16 show the band in which both views mix.",
 )
+@click.option("--defocus", is_flag=True, help="Sample the pupil everywhere: blur by distance, vignetting.")
+@click.option(
+    "--rolling-shutter-us", default=0.0, show_default=True, type=click.FloatRange(0, 1000), help="Delay per row."
+)
+@click.option("--dust", default=0, show_default=True, type=click.IntRange(0, 500), help="Specks on glass and mirrors.")
+@click.option("--drops", default=0, show_default=True, type=click.IntRange(0, 100), help="Drops on glass and mirrors.")
+@click.option(
+    "--temperature-c",
+    default=20.0,
+    show_default=True,
+    type=click.FloatRange(-40, 90),
+    help="The mount expands from 20.",
+)
 @click.option("--seed", default=1, show_default=True, help="Makes textures, poses, still times and noise.")
 @json_option
 def command(
     rig: str, scene: str, out: Path, frames: int, stills: int, boards: int, noise: float, sensor_noise: bool,
-    exposure_us: float, gain: float, motion_blur: int, pupil_samples: int, seed: int, as_json: bool,
+    exposure_us: float, gain: float, motion_blur: int, pupil_samples: int, defocus: bool, rolling_shutter_us: float,
+    dust: int, drops: int, temperature_c: float, seed: int, as_json: bool,
 ) -> None:  # fmt: skip
     """Render a session of RIG before a scene: raw video, stills, board views, and the truth behind every frame."""
     from prismstereo_calibration.model import Calibration
@@ -75,14 +90,23 @@ def command(
     from prismstereo_hw.rig import Rig
     from prismstereo_hw.scene import named
     from prismstereo_hw.session import SessionWriter
+    from prismstereo_hw.surroundings import Surroundings, seeded_spots
     from prismstereo_hw.twin import Twin
 
     if not frames + stills + boards:
         raise UsageError("a session of nothing: ask for some --frames, --stills or --boards")
     built = Rig.read(rig)
-    sensor = _sensor(noise, exposure_us, gain, motion_blur, photons=sensor_noise)
-    twin = Twin(built, named(built, scene, seed), noise=noise, seed=seed, pupil=Pupil(pupil_samples), sensor=sensor)
-    writer = SessionWriter(out, built, scene)
+    sensor = _sensor(noise, exposure_us, gain, motion_blur, rolling_shutter_us, photons=sensor_noise)
+    twin = Twin(
+        built,
+        named(built, scene, seed),
+        noise=noise,
+        seed=seed,
+        pupil=Pupil(max(pupil_samples, _DEFOCUS_SAMPLES) if defocus else pupil_samples, defocus=defocus),
+        sensor=sensor,
+        surroundings=Surroundings(temperature_c=temperature_c, spots=seeded_spots(built, seed, dust=dust, drops=drops)),
+    )
+    writer = SessionWriter(out, built, scene, standing=twin.standing)
     for index in with_progress(range(frames), frames, "video"):
         writer.add("video", twin.frame(index))
         writer.add_truth(index, twin.truth(index))
@@ -112,12 +136,15 @@ def _tell(out: Path, info: SessionInfo, *, as_json: bool) -> None:
     )
 
 
-def _sensor(noise: float, exposure_us: float, gain: float, motion_blur: int, *, photons: bool) -> SensorModel | None:
+def _sensor(
+    noise: float, exposure_us: float, gain: float, motion_blur: int, rolling_shutter_us: float, *, photons: bool
+) -> SensorModel | None:
     """Return the sensor that the options ask for; None where plain noise will do."""
     from prismstereo_hw.sensor import SensorModel
 
     plain = SensorModel()
-    if not photons and motion_blur == 1 and gain == plain.gain and exposure_us == plain.exposure_us:
+    asked = (gain, exposure_us, motion_blur, rolling_shutter_us, photons)
+    if asked == (plain.gain, plain.exposure_us, 1, 0.0, False):
         return None
     return SensorModel(
         exposure_us=exposure_us,
@@ -125,6 +152,7 @@ def _sensor(noise: float, exposure_us: float, gain: float, motion_blur: int, *, 
         read_noise_electrons=noise * plain.electrons_per_grey,
         shot_noise=photons,
         motion_samples=motion_blur,
+        rolling_shutter_us=rolling_shutter_us,
     )
 
 
