@@ -7,84 +7,24 @@ Pixels are upright coordinates of the view (those of its cut-out picture plus th
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from prismstereo_calibration.board import Board
 from prismstereo_calibration.corners import Refusal, agree, find_corners, found_sizes
+from prismstereo_calibration.detection import Detection, NamedFrame, Rejection, Sighting
 from prismstereo_calibration.errors import CalibrationError
 from prismstereo_hw.view import Side, View
 
-__all__ = ["CornerPair", "Corners", "Detection", "NamedFrame", "Progress", "Rejection", "detect", "find_corners"]
+__all__ = ["Progress", "detect", "find_corners"]
 
 Progress = Callable[[int, int, str], None]
 """Told after each frame: frames done, frames in all, the frame's name."""
 
 _FRAMES_TO_EXPLAIN = 3
-
-
-@dataclass(frozen=True, slots=True)
-class NamedFrame:
-    """A raw picture, (height, width[, 3]) uint8, and the name by which people know it (its file)."""
-
-    name: str
-    pixels: NDArray[np.uint8]
-
-
-@dataclass(frozen=True, slots=True)
-class Corners:
-    """The board's corners in one view of one frame, (N, 2) float64 upright pixels."""
-
-    name: str
-    view: Side
-    pixels: NDArray[np.float64]
-
-
-@dataclass(frozen=True, slots=True)
-class CornerPair:
-    """The same corners of the board in both views of one exposure."""
-
-    name: str
-    left: Corners
-    right: Corners
-
-    @classmethod
-    def of(cls, name: str, left: NDArray[np.float64], right: NDArray[np.float64]) -> CornerPair:
-        """Make the pair of upright pixels (N, 2) of both views."""
-        return cls(name, Corners(name, "left", left), Corners(name, "right", right))
-
-
-@dataclass(frozen=True, slots=True)
-class Rejection:
-    """A frame that does not count, and why."""
-
-    name: str
-    reason: str
-
-
-@dataclass(frozen=True, slots=True)
-class Detection:
-    """Everything that was seen of the board: frame size, views, corner pairs in the order of the frames, rejections.
-
-    The height is that of one exposure where the views are taken one after the other.
-    """
-
-    frame_width: int
-    frame_height: int
-    views: tuple[View, View]
-    pairs: tuple[CornerPair, ...]
-    rejected: tuple[Rejection, ...] = ()
-
-    def only(self, names: Collection[str]) -> Detection:
-        """Return this detection with the pairs of those frames alone."""
-        return replace(self, pairs=tuple(pair for pair in self.pairs if pair.name in names))
-
-    def pixels(self) -> NDArray[np.float64]:
-        """Return the upright pixels of all pairs, (pairs, 2, N, 2): left view first."""
-        return np.stack([np.stack([pair.left.pixels, pair.right.pixels]) for pair in self.pairs])
+Array = NDArray[np.float64]
 
 
 def detect(
@@ -97,18 +37,17 @@ def detect(
     """
     if not frames:
         raise CalibrationError("there is no frame: give the pictures of the board")
-    pairs: list[CornerPair] = []
+    pairs: list[Sighting] = []
     rejected: list[Rejection] = []
     seen: Counter[Side] = Counter()
     first: tuple[str, int, int] | None = None
     for done, frame in enumerate(frames, start=1):
         first = _same_size(first, frame)
         found = _look(frame, views, board)
-        seen.update(side for side, corners in found.items() if isinstance(corners, Corners))
+        seen.update(side for side, corners in found.items() if not isinstance(corners, Refusal))
         left, right = found["left"], found["right"]
-        if isinstance(left, Corners) and isinstance(right, Corners):
-            ordered = agree(left.pixels, right.pixels, board)
-            pairs.append(CornerPair(frame.name, left, replace(right, pixels=ordered)))
+        if not (isinstance(left, Refusal) or isinstance(right, Refusal)):
+            pairs.append(Sighting.of(frame.name, left, agree(left, right, board)))
         else:
             rejected.append(Rejection(frame.name, _why(left, right)))
         if progress is not None:
@@ -131,9 +70,9 @@ def _same_size(first: tuple[str, int, int] | None, frame: NamedFrame) -> tuple[s
     return first
 
 
-def _look(frame: NamedFrame, views: tuple[View, View], board: Board) -> dict[Side, Corners | Refusal]:
+def _look(frame: NamedFrame, views: tuple[View, View], board: Board) -> dict[Side, Array | Refusal]:
     sides: tuple[Side, Side] = ("left", "right")
-    found: dict[Side, Corners | Refusal] = {}
+    found: dict[Side, Array | Refusal] = {}
     for side, view in zip(sides, views, strict=True):
         corners = find_corners(view.cut(frame.pixels), board)
         if isinstance(corners, Refusal):
@@ -141,11 +80,11 @@ def _look(frame: NamedFrame, views: tuple[View, View], board: Board) -> dict[Sid
         else:
             height, width = frame.pixels.shape[:2]
             corner_of_view = np.array(view.rectangle(width, height // view.exposures)[:2], np.float64)
-            found[side] = Corners(frame.name, side, corners + corner_of_view)
+            found[side] = corners + corner_of_view
     return found
 
 
-def _why(left: Corners | Refusal, right: Corners | Refusal) -> str:
+def _why(left: Array | Refusal, right: Array | Refusal) -> str:
     if isinstance(left, Refusal) and isinstance(right, Refusal):
         same = left.reason == right.reason
         return (

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from prismstereo_calibration.board import Board
 from prismstereo_calibration.bundle import LensModel, Unknowns, adjust, residuals
-from prismstereo_calibration.detect import Detection, Rejection
+from prismstereo_calibration.detection import Detection, Rejection
 from prismstereo_calibration.errors import CalibrationError
 from prismstereo_calibration.first_guess import spread
 from prismstereo_calibration.poses import Pose, agreed, board_poses
@@ -68,13 +68,13 @@ class _Trial:
 
     def without(self, why: list[str | None]) -> _Trial:
         """Leave out the frames for which there is a reason."""
-        pairs, state = self.detection.pairs, self.unknowns
+        pairs, state = self.detection.sightings, self.unknowns
         good = np.array([reason is None for reason in why])
         gone = tuple(
             Rejection(pair.name, reason) for pair, reason in zip(pairs, why, strict=True) if reason is not None
         )
         return _Trial(
-            replace(self.detection, pairs=tuple(pair for pair, ok in zip(pairs, good, strict=True) if ok)),
+            replace(self.detection, sightings=tuple(pair for pair, ok in zip(pairs, good, strict=True) if ok)),
             replace(
                 state,
                 R_left_from_board=state.R_left_from_board[good],
@@ -104,11 +104,11 @@ def fit_frames(detection: Detection, board: Board, start: Start) -> Fit:
     model, points = start.model, board.points()
     lens = _best_lens(detection, points, start)
     trial = _placed(detection, points, model, lens, start.right)
-    require_frames(len(trial.detection.pairs), model, trial.rejected)
+    require_frames(len(trial.detection.sightings), model, trial.rejected)
     trial = replace(trial, unknowns=_annealed(model, points, trial))
     for _ in range(_MOST_ROUNDS):
         trial = trial.without(_misfits(residuals(model, points, trial.detection.pixels(), trial.unknowns)))
-        require_frames(len(trial.detection.pairs), model, trial.rejected)
+        require_frames(len(trial.detection.sightings), model, trial.rejected)
         pixels = trial.detection.pixels()
         try:
             minimum = adjust(model, points, pixels, trial.unknowns)
@@ -125,13 +125,15 @@ def _best_lens(detection: Detection, points: Array, start: Start) -> Array:
     """Return that one of the starting lenses from which a few frames are fitted best."""
     if len(start.lenses) == 1:
         return start.lenses[0]
-    few = replace(detection, pairs=tuple(detection.pairs[i] for i in spread(len(detection.pairs), _FRAMES_TO_CHOOSE)))
+    few = replace(
+        detection, sightings=tuple(detection.sightings[i] for i in spread(len(detection.sightings), _FRAMES_TO_CHOOSE))
+    )
     left_over: list[float] = []
     failure: CalibrationError | None = None
     for lens in start.lenses:
         try:
             trial = _placed(few, points, start.model, lens, start.right)
-            require_frames(len(trial.detection.pairs), start.model, trial.rejected)
+            require_frames(len(trial.detection.sightings), start.model, trial.rejected)
             off = residuals(start.model, points, trial.detection.pixels(), _annealed(start.model, points, trial))
             left_over.append(float(np.median(np.linalg.norm(off, axis=-1))))
         except CalibrationError as error:

@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 from prismstereo_calibration.camera import Camera
 from prismstereo_calibration.errors import CalibrationError
 from prismstereo_calibration.nominal import nominal_cameras
+from prismstereo_calibration.outputs import Output
+from prismstereo_calibration.uncertainty import Uncertainty
 from prismstereo_hw.frame import RawFrame
 from prismstereo_hw.rig import RangeWish, Rig
 from prismstereo_hw.view import View
@@ -48,6 +50,9 @@ class Calibration:
     lens_position: int | None = None
     rms_px: float | None = None
     views_used: int = 0
+    temperature_c: float | None = None
+    uncertainty: Uncertainty | None = None
+    outputs: tuple[Output, ...] = ()
 
     def __post_init__(self) -> None:
         """Refuse what no camera can be."""

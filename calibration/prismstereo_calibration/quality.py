@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from prismstereo_calibration.board import Board
-from prismstereo_calibration.detect import Detection
+from prismstereo_calibration.detection import Detection
 from prismstereo_calibration.errors import CalibrationError
 from prismstereo_calibration.model import Calibration, Unit
 from prismstereo_hw.errors import UsageError
@@ -102,14 +102,15 @@ def triangulate(calibration: Calibration, left_px: Array, right_px: Array) -> tu
     Returns the middle of the shortest line between them (..., 3), in the left camera's frame and the calibration's unit,
     and the length of that line (...).
     """
-    a, b = calibration.left.rays(left_px), calibration.right.rays(right_px)
-    apart = calibration.right.centre
+    from_a, a = calibration.left.rays(left_px)
+    from_b, b = calibration.right.rays(right_px)
+    apart = from_b - from_a
     cosine = np.sum(a * b, axis=-1)
     sine2 = np.maximum(1 - cosine**2, _SMALLEST_SINE**2)
-    along_a, along_b = a @ apart, b @ apart
+    along_a, along_b = np.sum(a * apart, axis=-1), np.sum(b * apart, axis=-1)
     reach_a = (along_a - cosine * along_b) / sine2
     reach_b = (cosine * along_a - along_b) / sine2
-    on_a, on_b = reach_a[..., None] * a, apart + reach_b[..., None] * b
+    on_a, on_b = from_a + reach_a[..., None] * a, from_b + reach_b[..., None] * b
     return (on_a + on_b) / 2, np.linalg.norm(on_b - on_a, axis=-1)
 
 
@@ -149,7 +150,7 @@ def _criteria(row_error: RowError, scale_error: ScaleError, rms_px: float | None
 
 
 def _require_same(calibration: Calibration, detection: Detection, board: Board) -> None:
-    if not detection.pairs:
+    if not detection.sightings:
         raise CalibrationError("there is no frame with the board in both views to judge by: give some")
     size, own = (detection.frame_width, detection.frame_height), (calibration.frame_width, calibration.frame_height)
     if size != own or detection.views != calibration.views:

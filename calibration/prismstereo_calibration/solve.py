@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from prismstereo_calibration import one_lens, two_camera
 from prismstereo_calibration.board import Board
 from prismstereo_calibration.camera import Camera
-from prismstereo_calibration.detect import Detection, Rejection
+from prismstereo_calibration.detection import Detection, Rejection
 from prismstereo_calibration.errors import CalibrationError
 from prismstereo_calibration.fit import Fit, Start, fit_frames, require_frames
 from prismstereo_calibration.model import Calibration, Model
@@ -88,7 +88,7 @@ def solve(
 
 def _account(calibration: Calibration, start: Start, fit: Fit) -> Solution:
     """Put a calibration and what is left over of its fit together."""
-    used = tuple(pair.name for pair in fit.detection.pairs)
+    used = tuple(pair.name for pair in fit.detection.sightings)
     square = np.sum(fit.residuals_px**2, axis=-1)
     left_px, right_px = np.sqrt(square.mean(axis=(0, 2)))
     rms_px = float(np.sqrt(square.mean()))
@@ -117,7 +117,7 @@ def _default_model(rig: Rig | None) -> Model:
 def _start(detection: Detection, board: Board, rig: Rig | None, name: Model) -> Start:
     views, width, height = detection.views, detection.frame_width, detection.frame_height
     model = one_lens.model(views, width, height) if name == "one-lens" else two_camera.model()
-    require_frames(len(detection.pairs), model, detection.rejected)
+    require_frames(len(detection.sightings), model, detection.rejected)
     if rig is not None:
         left, right, pose = _promise(rig, detection)
         return Start(model, (model.own(left, right),), pose if board.unit == "mm" else None)

@@ -37,7 +37,7 @@ def test_a_board_reads_its_own_name() -> None:
         ("chessboard:9x6x3", None, "write chessboard:9x6"),
         ("chessboard:2x6", None, "3 to 64 inner corners"),
         ("chessboard:9x65", None, "3 to 64 inner corners"),
-        ("charuco:9x6", None, "'charuco' are not supported: use a plain chessboard"),
+        ("circles:9x6", None, "'circles' are not supported: write chessboard"),
         ("chessboard:9x6", 0.0, "square of 0 mm"),
         ("chessboard:9x6", -3.0, "square of -3 mm"),
         ("chessboard:9x6", math.nan, "square of nan mm"),

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from calibration.drawn_boards import DrawnBoards, drawn_boards
 from prismstereo_calibration.board import Board
 from prismstereo_calibration.corners import Refusal, agree
-from prismstereo_calibration.detect import NamedFrame, detect, find_corners
+from prismstereo_calibration.detect import detect, find_corners
+from prismstereo_calibration.detection import NamedFrame
 from prismstereo_calibration.errors import CalibrationError
 from prismstereo_hw.rig import Rig
 from prismstereo_hw.view import View, layout
@@ -47,7 +48,7 @@ def side_by_side(
 def test_corners_of_rendered_boards_are_found_to_a_tenth_of_a_pixel() -> None:
     drawn = boards()
     detection = detect(drawn.frames, drawn.rig.views, drawn.board)
-    assert [pair.name for pair in detection.pairs] == ["view00.png", "view01.png", "view02.png"]
+    assert [pair.name for pair in detection.sightings] == ["view00.png", "view01.png", "view02.png"]
     off = detection.pixels() - drawn.truth_px
     assert np.sqrt(np.mean(off**2)) < 0.07  # measured 0.05
     assert np.abs(off).max() < 0.25
@@ -156,7 +157,7 @@ def test_frames_without_the_board_are_listed_with_the_view_that_lacks_it() -> No
     ]
     seen: list[tuple[int, int, str]] = []
     detection = detect(frames, layout("side-by-side"), Board(9, 6), lambda *told: seen.append(told))
-    assert [pair.name for pair in detection.pairs] == ["both.png"]
+    assert [pair.name for pair in detection.sightings] == ["both.png"]
     assert {entry.name: entry.reason for entry in detection.rejected} == {
         "left.png": "no board in the right view",
         "right.png": "no board in the left view",

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from prismstereo_calibration.board import Board
-from prismstereo_calibration.detect import NamedFrame, detect
+from prismstereo_calibration.detect import detect
+from prismstereo_calibration.detection import NamedFrame
 from prismstereo_calibration.rectification import rectification
 from prismstereo_calibration.solve import Solution, solve
 from prismstereo_calibration.truth import true_disparity

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from calibration.traced_boards import SQUARE_MM, traced_detection
 from prismstereo_calibration import one_lens
 from prismstereo_calibration.board import Board
-from prismstereo_calibration.detect import CornerPair, Detection
+from prismstereo_calibration.detection import Detection, Sighting
 from prismstereo_calibration.fit import Start, fit_frames
 from prismstereo_calibration.quality import judge
 from prismstereo_calibration.solve import solve
@@ -55,7 +55,7 @@ def detection_of(views: tuple[View, View], look: tuple[Look, Look], box: tuple[A
     """Fourteen boards between two corners of a box; each of `look` says where its view sees scene points stand."""
     random = np.random.default_rng(seed)
     flat = BOARD.points() - BOARD.points().mean(axis=0)
-    pairs: list[CornerPair] = []
+    pairs: list[Sighting] = []
     for _ in range(3000):
         points = flat @ tilted(random).T + random.uniform(*box)
         raw = [LENS.project(seen(points)) for seen in look]
@@ -64,7 +64,7 @@ def detection_of(views: tuple[View, View], look: tuple[Look, Look], box: tuple[A
                 view.upright_from_raw(pixels + random.normal(0, 0.2, pixels.shape), 1280, 720)
                 for pixels, view in zip(raw, views, strict=True)
             ]
-            pairs.append(CornerPair.of(f"{len(pairs)}.png", *upright))
+            pairs.append(Sighting.of(f"{len(pairs)}.png", *upright))
         if len(pairs) == 14:
             return Detection(1280, 720, views, tuple(pairs))
     raise AssertionError("no boards fit both views")
@@ -132,14 +132,14 @@ def test_mirroring_the_whole_frame_gives_the_same_answer(oak: Rig) -> None:
     flip = np.array([-1.0, 1.0]), np.array([1279.0, 0.0])
     views = (MIRRORED_LEFT, MIRRORED_RIGHT)
     flipped = tuple(
-        CornerPair.of(
+        Sighting.of(
             pair.name,
             *(
                 view.upright_from_raw(corners.pixels * flip[0] + flip[1], 1280, 720)
                 for view, corners in zip(views, (pair.left, pair.right), strict=True)
             ),
         )
-        for pair in detection.pairs
+        for pair in detection.sightings
     )
     board = Board(9, 7, SQUARE_MM)
     plain = solve(detection, board, model="one-lens").calibration

@@ -15,7 +15,7 @@ import pytest
 
 from calibration.traced_boards import PRISM_RIGS, SQUARE_MM, flawed, paraxial_baseline_mm, tipped, traced_detection
 from prismstereo_calibration.board import Board
-from prismstereo_calibration.detect import CornerPair, Detection
+from prismstereo_calibration.detection import Detection, Sighting
 from prismstereo_calibration.errors import CalibrationError
 from prismstereo_calibration.quality import judge
 from prismstereo_calibration.solve import Solution, solve
@@ -134,12 +134,12 @@ def test_the_stated_sigmas_are_those_of_repeated_calibrations(oak: Rig) -> None:
         pairs = tuple(
             replace(
                 pair,
-                left=replace(pair.left, pixels=pair.left.pixels + noise.normal(0, 0.2, (63, 2))),
-                right=replace(pair.right, pixels=pair.right.pixels + noise.normal(0, 0.2, (63, 2))),
+                left=replace(pair.left, pixels=pair.left + noise.normal(0, 0.2, (63, 2))),
+                right=replace(pair.right, pixels=pair.right + noise.normal(0, 0.2, (63, 2))),
             )
-            for pair in clean.pairs
+            for pair in clean.sightings
         )
-        solutions.append(solve(replace(clean, pairs=pairs), BOARD, rig=oak))
+        solutions.append(solve(replace(clean, sightings=pairs), BOARD, rig=oak))
     for said, values in (
         (solutions[0].focal_sigma_px, [one.calibration.left.lens.fx_px for one in solutions]),
         (solutions[0].baseline_sigma, [one.calibration.baseline for one in solutions]),
@@ -202,11 +202,11 @@ def test_stills_of_the_whole_sensor_are_calibrated_on_their_own_grid(oak: Rig) -
     detection, factor = traced_detection(oak, 1), 4056 / 1280
     centre, still_centre = np.array([639.5, 359.5]), np.array([2027.5, 1519.5])
     pairs = tuple(
-        CornerPair.of(
+        Sighting.of(
             pair.name,
             *(factor * (corners.pixels - centre) + still_centre for corners in (pair.left, pair.right)),
         )
-        for pair in detection.pairs
+        for pair in detection.sightings
     )
     stills = Detection(4056, 3040, oak.views, pairs)
     video, still = solve(detection, BOARD, rig=oak).calibration, solve(stills, BOARD, rig=oak).calibration

@@ -9,7 +9,7 @@ import pytest
 
 from calibration.traced_boards import PRISM_RIGS, SQUARE_MM, traced_detection
 from prismstereo_calibration.board import Board
-from prismstereo_calibration.detect import CornerPair, Detection, Rejection
+from prismstereo_calibration.detection import Detection, Rejection, Sighting
 from prismstereo_calibration.errors import CalibrationError
 from prismstereo_calibration.model import Model
 from prismstereo_calibration.solve import solve
@@ -27,14 +27,14 @@ def rig(request: pytest.FixtureRequest) -> Rig:
 
 def with_pair(detection: Detection, index: int, left: np.ndarray, right: np.ndarray) -> Detection:
     """The detection with the corners of one frame replaced."""
-    pairs = list(detection.pairs)
-    pairs[index] = CornerPair.of(pairs[index].name, left, right)
-    return replace(detection, pairs=tuple(pairs))
+    pairs = list(detection.sightings)
+    pairs[index] = Sighting.of(pairs[index].name, left, right)
+    return replace(detection, sightings=tuple(pairs))
 
 
 def spoiled(detection: Detection, how: str) -> Detection:
     """The detection with frame 5 spoiled."""
-    left, right = detection.pairs[5].left.pixels, detection.pairs[5].right.pixels
+    left, right = detection.sightings[5].left, detection.sightings[5].right
     noise = np.random.default_rng(8).normal(0, 3, right.shape)
     return with_pair(
         detection,
@@ -44,7 +44,7 @@ def spoiled(detection: Detection, how: str) -> Detection:
             "one view moved": right,
             "blurred": right + noise,
             "counted from the other end": right[::-1],
-            "of another moment": detection.pairs[6].right.pixels,
+            "of another moment": detection.sightings[6].right,
             "one corner mistaken": right + 9.0 * (np.arange(len(right)) == 17)[:, None],
         }[how],
     )
@@ -65,7 +65,7 @@ def test_a_spoiled_frame_is_rejected_by_name_and_leaves_no_trace(oak: Rig, model
     detection = traced_detection(oak, 1)
     solution = solve(spoiled(detection, how), BOARD, rig=oak, model=model)
     without = solve(
-        detection.only({pair.name for i, pair in enumerate(detection.pairs) if i != 5}), BOARD, rig=oak, model=model
+        detection.only({pair.name for i, pair in enumerate(detection.sightings) if i != 5}), BOARD, rig=oak, model=model
     )
     assert [entry.name for entry in solution.rejected] == ["pose05.png"]
     assert reason in solution.rejected[0].reason
@@ -78,7 +78,7 @@ def test_a_third_of_the_frames_may_be_wrong(oak: Rig) -> None:
     detection = traced_detection(oak, 1)
     random = np.random.default_rng(2)
     for index in (1, 4, 7, 10, 13):
-        left, right = detection.pairs[index].left.pixels, detection.pairs[index].right.pixels
+        left, right = detection.sightings[index].left, detection.sightings[index].right
         detection = with_pair(detection, index, left, right + random.normal(0, 4, right.shape))
     solution = solve(detection, BOARD, rig=oak)
     assert [entry.name[4:6] for entry in solution.rejected] == ["01", "04", "07", "10", "13"]
@@ -99,9 +99,9 @@ def test_rejections_of_the_detector_are_carried_along(oak: Rig) -> None:
 def test_frames_of_nothing_end_in_one_sentence_that_names_some(oak: Rig) -> None:
     random = np.random.default_rng(0)
     pairs = tuple(
-        CornerPair.of(f"{i}.png", random.uniform(0, 700, (63, 2)), random.uniform(0, 700, (63, 2))) for i in range(6)
+        Sighting.of(f"{i}.png", random.uniform(0, 700, (63, 2)), random.uniform(0, 700, (63, 2))) for i in range(6)
     )
-    detection = replace(traced_detection(oak, 1), pairs=pairs)
+    detection = replace(traced_detection(oak, 1), sightings=pairs)
     for model in MODELS:
         with pytest.raises(CalibrationError, match=r"frames that show the board as they should: 0.*rejected: 0\.png"):
             solve(detection, BOARD, rig=oak, model=model)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from calibration.traced_boards import PRISM_RIGS, SQUARE_MM, traced_detection
 from prismstereo_calibration.board import Board
 from prismstereo_calibration.camera import Camera
-from prismstereo_calibration.detect import CornerPair, Detection
+from prismstereo_calibration.detection import Detection, Sighting
 from prismstereo_calibration.errors import CalibrationError
 from prismstereo_calibration.model import Calibration
 from prismstereo_calibration.quality import Criterion, judge, triangulate
@@ -41,16 +41,14 @@ def boards_before(calibration: Calibration, points: Array | None = None) -> Dete
         R = np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
         middle = calibration.right.centre / 2 + np.array([-0.05 * z_mm, 0, z_mm])
         in_left = (points - points.mean(axis=0)) @ R.T + middle
-        pairs.append(
-            CornerPair.of(f"{index}.png", calibration.left.project(in_left), calibration.right.project(in_left))
-        )
+        pairs.append(Sighting.of(f"{index}.png", calibration.left.project(in_left), calibration.right.project(in_left)))
     return Detection(calibration.frame_width, calibration.frame_height, calibration.views, tuple(pairs))
 
 
 def moved(detection: Detection, dy_px: float) -> Detection:
     """The detection with the right view's corners moved down."""
-    pairs = (CornerPair.of(p.name, p.left.pixels, p.right.pixels + np.array([0.0, dy_px])) for p in detection.pairs)
-    return replace(detection, pairs=tuple(pairs))
+    pairs = (Sighting.of(p.name, p.left, p.right + np.array([0.0, dy_px])) for p in detection.sightings)
+    return replace(detection, sightings=tuple(pairs))
 
 
 def test_exact_corners_have_no_gap_lie_in_a_plane_and_are_as_long_as_they_are(nominal: Calibration) -> None:
@@ -133,7 +131,7 @@ def test_frames_that_are_not_the_calibrations_own_are_refused(oak: Rig) -> None:
     with pytest.raises(CalibrationError, match="640x480"):
         judge(calibration, replace(detection, frame_width=640, frame_height=480), BOARD)
     with pytest.raises(CalibrationError, match="no frame with the board"):
-        judge(calibration, replace(detection, pairs=()), BOARD)
+        judge(calibration, replace(detection, sightings=()), BOARD)
     with pytest.raises(UsageError, match="--square-mm"):
         judge(calibration, detection, Board(9, 7))
 

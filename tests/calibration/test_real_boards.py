@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 
 from prismstereo_calibration.board import Board
-from prismstereo_calibration.detect import Detection, NamedFrame, detect
+from prismstereo_calibration.detect import detect
+from prismstereo_calibration.detection import Detection, NamedFrame
 from prismstereo_calibration.errors import CalibrationError
 from prismstereo_calibration.quality import judge
 from prismstereo_calibration.rectification import rectification
@@ -99,7 +100,7 @@ def test_real_frames_agree_with_opencvs_own_calibration(data: Path) -> None:
 def test_half_the_frames_predict_the_other_half(data: Path) -> None:
     """Cross-validation: figures on frames that the solver never saw are those of the frames it did."""
     detection = stereopi(data)
-    names = [pair.name for pair in detection.pairs]
+    names = [pair.name for pair in detection.sightings]
     calibration = solve(detection.only(set(names[::2])), BOARD).calibration
     quality = judge(calibration, detection.only(set(names[1::2])), BOARD)
     assert quality.row_error.mean_px <= 0.15

@@ -11,7 +11,7 @@ import pytest
 
 from calibration.traced_boards import SQUARE_MM, traced_detection
 from prismstereo_calibration.board import Board
-from prismstereo_calibration.detect import Rejection
+from prismstereo_calibration.detection import Rejection
 from prismstereo_calibration.quality import Quality, judge
 from prismstereo_calibration.report import html
 from prismstereo_calibration.solve import Solution, solve

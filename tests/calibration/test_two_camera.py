@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from calibration.traced_boards import SQUARE_MM, flawed, traced_detection
 from prismstereo_calibration.board import Board
 from prismstereo_calibration.camera import Camera
-from prismstereo_calibration.detect import CornerPair, Detection
+from prismstereo_calibration.detection import Detection, Sighting
 from prismstereo_calibration.errors import CalibrationError
 from prismstereo_calibration.solve import solve
 from prismstereo_hw.lens import Lens
@@ -33,7 +33,7 @@ def seen_by(left: Camera, right: Camera, views: tuple[View, View], seed: int, *,
         middle = np.array([*random.uniform(-30, 30, 2), random.uniform(350, 550)])
         points = (BOARD.points() - BOARD.points().mean(axis=0)) @ np.asarray(R).T + middle
         pixels = [camera.project(points) + random.normal(0, noise_px, (63, 2)) for camera in (left, right)]
-        pairs.append(CornerPair.of(f"{index}.png", pixels[0], pixels[1]))
+        pairs.append(Sighting.of(f"{index}.png", pixels[0], pixels[1]))
     return Detection(1280, 720, views, tuple(pairs))
 
 
@@ -107,11 +107,11 @@ def test_a_view_that_stands_otherwise_in_the_frame_gives_the_same_cameras(turn_d
     otherwise = View(left=0.5, top=0.0, width=0.5, height=1.0, mirrored=mirrored, turn_deg=turn_deg)  # type: ignore[arg-type]
     left, right = two_cameras((left_view, right_view))
     detection = seen_by(left, right, (left_view, right_view), 7)
-    raw = [otherwise.raw_from_upright(pair.right.pixels, 1280, 720) for pair in detection.pairs]
+    raw = [otherwise.raw_from_upright(pair.right, 1280, 720) for pair in detection.sightings]
     upright = [otherwise.upright_from_raw(pixels, 1280, 720) for pixels in raw]
     flipped = Detection(
         1280, 720, (left_view, otherwise),
-        tuple(CornerPair.of(p.name, p.left.pixels, u) for p, u in zip(detection.pairs, upright, strict=True)),
+        tuple(Sighting.of(p.name, p.left, u) for p, u in zip(detection.sightings, upright, strict=True)),
     )  # fmt: skip
     plain, other = solve(detection, BOARD).calibration, solve(flipped, BOARD).calibration
     assert other.baseline == pytest.approx(plain.baseline, rel=1e-6)
@@ -122,7 +122,7 @@ def test_three_poses_are_enough_and_two_are_not(oak: Rig) -> None:
     detection = traced_detection(oak, 1, poses=3)
     assert solve(detection, BOARD, model="two-camera").calibration.baseline == pytest.approx(50.2, abs=1.5)
     with pytest.raises(CalibrationError, match="the two-camera model needs 3"):
-        solve(replace(detection, pairs=detection.pairs[:2]), BOARD, model="two-camera")
+        solve(replace(detection, sightings=detection.sightings[:2]), BOARD, model="two-camera")
 
 
 def test_boards_that_only_face_the_camera_are_refused_with_the_mend(oak: Rig) -> None:
@@ -132,6 +132,6 @@ def test_boards_that_only_face_the_camera_are_refused_with_the_mend(oak: Rig) ->
 
 def test_exchanged_views_are_said_to_be_exchanged(oak: Rig) -> None:
     detection = traced_detection(oak, 1)
-    exchanged = tuple(CornerPair.of(pair.name, pair.right.pixels, pair.left.pixels) for pair in detection.pairs)
+    exchanged = tuple(Sighting.of(pair.name, pair.right, pair.left) for pair in detection.sightings)
     with pytest.raises(CalibrationError, match="left and right are exchanged"):
-        solve(replace(detection, pairs=exchanged, views=detection.views[::-1]), BOARD, model="two-camera")
+        solve(replace(detection, sightings=exchanged, views=detection.views[::-1]), BOARD, model="two-camera")

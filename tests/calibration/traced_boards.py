@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from prismstereo_calibration.board import Board
-from prismstereo_calibration.detect import CornerPair, Detection
+from prismstereo_calibration.detection import Detection, Sighting
 from prismstereo_hw.optics.trace import view_fates
 from prismstereo_hw.optics.unfold import fold
 from prismstereo_hw.rig import Rig
@@ -80,7 +80,7 @@ def traced_detection(
     flat = (board.points() / board.square - np.array([board.columns - 1, board.rows - 1, 0]) / 2) * SQUARE_MM
     near, far = NEAR_AND_FAR_MM[rig.name]
     views = TracedView(rig, "left"), TracedView(rig, "right")
-    pairs: list[CornerPair] = []
+    pairs: list[Sighting] = []
     for _ in range(4000):
         centre_z = random.uniform(near, far)
         reach = 0.25 * centre_z
@@ -90,7 +90,7 @@ def traced_detection(
         if np.isnan(left).any() or np.isnan(right).any():
             continue
         noise = random.normal(0, noise_px, (2, *left.shape)) if noise_px else np.zeros((2, *left.shape))
-        pairs.append(CornerPair.of(f"pose{len(pairs):02d}.png", left + noise[0], right + noise[1]))
+        pairs.append(Sighting.of(f"pose{len(pairs):02d}.png", left + noise[0], right + noise[1]))
         if len(pairs) == poses:
             video = rig.camera.video
             return Detection(video.width, video.height, rig.views, tuple(pairs))
