@@ -84,11 +84,9 @@ def rectified(nominal: Calibration) -> Rectification:
 
 @pytest.fixture(scope="session")
 def pinhole_z_mm(rig: Rig, nominal: Calibration) -> float:
-    """Z of the calibrated pinholes in the rig frame: on the left view's optical axis, half a baseline from the middle."""
+    """Z of the rectified pinholes in the rig frame: on the left view's optical axis, where depth is counted from."""
     view = fold(rig, "left")
-    start, axis = view.paraxial_centre_mm, view.R[2]
-    along = (-nominal.baseline / 2 - start[0]) / axis[0]
-    return float(start[2] + along * axis[2])
+    return float((view.paraxial_centre_mm + nominal.nearest_pinholes().shift * view.R[2])[2])
 
 
 @pytest.fixture(scope="session")

@@ -29,10 +29,11 @@ class Linearised:
     """Residuals and derivatives at one state: V blocks of M residuals, S shared and K own unknowns.
 
     `cost` is the sum of squares, or of a robust loss whose weights' square roots are in the three arrays; inf where a
-    residual is not finite.
+    residual is not finite. Of the residuals `count` were measured, the others are zeros in every array.
     """
 
     cost: float
+    count: int
     residual: Array  # (V, M)
     by_shared: Array  # (V, M, S)
     by_own: Array  # (V, M, K)
@@ -123,7 +124,7 @@ def _covariance(normal: _Normal, at: Linearised) -> Array:
     matrix, _, _ = normal.reduced(0.0)
     scale = 1 / np.sqrt(np.diag(normal.A))
     unknowns = normal.g.size + normal.h.size
-    variance = at.cost / max(at.residual.size - unknowns, 1)
+    variance = at.cost / max(at.count - unknowns, 1)
     try:
         return variance * np.linalg.inv(matrix * np.outer(scale, scale)) * np.outer(scale, scale)
     except np.linalg.LinAlgError:

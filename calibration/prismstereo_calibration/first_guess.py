@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 from prismstereo_calibration.errors import CalibrationError
 from prismstereo_hw.lens import Lens
 
-__all__ = ["guess_lens", "spread"]
+__all__ = ["FEWEST_TO_GUESS", "guess_lens", "spread"]
 
 Array = NDArray[np.float64]
 
+FEWEST_TO_GUESS = 6  # corners of one view: four make a homography, two more check it
 _PLAIN = cv2.CALIB_FIX_ASPECT_RATIO | cv2.CALIB_ZERO_TANGENT_DIST | cv2.CALIB_FIX_K2 | cv2.CALIB_FIX_K3
 
 
@@ -30,6 +31,8 @@ def guess_lens(
     of the picture is where the search for the principal point begins. `CalibrationError` names `what` was looked at where
     the pictures do not tell.
     """
+    if not boards:
+        raise CalibrationError(f"{what} show too little of the board to begin with: take some that show all of it")
     objects = [board.astype(np.float32) for board in boards]
     pixels = [image.astype(np.float32) for image in images]
     try:

@@ -1,13 +1,13 @@
 """The calibration: two virtual cameras behind one real lens, and the range they are used for.
 
-`nominal` is what the rig file promises: the pinholes that fit its exact optics best. `solve` measures a built unit,
+`nominal` is what the rig file promises. `solve` measures a built unit,
 seeded by it. Lengths are in `unit`: millimetres, or board squares where nobody said how large a square is.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -17,6 +17,7 @@ from prismstereo_calibration.camera import Camera
 from prismstereo_calibration.errors import CalibrationError
 from prismstereo_calibration.nominal import nominal_cameras
 from prismstereo_calibration.outputs import Output
+from prismstereo_calibration.pinholes import Pinholes, nearest_pinholes
 from prismstereo_calibration.uncertainty import Uncertainty
 from prismstereo_hw.frame import RawFrame
 from prismstereo_hw.rig import RangeWish, Rig
@@ -78,7 +79,7 @@ class Calibration:
 
     @classmethod
     def nominal(cls, rig: Rig) -> Calibration:
-        """Return what the rig file promises: the two pinholes that fit its exact optics best over its range."""
+        """Return what the rig file promises, glass included."""
         left, right = nominal_cameras(rig)
         left_view, right_view = rig.views
         return cls(
@@ -92,6 +93,21 @@ class Calibration:
             range=rig.range,
             model="one-lens" if rig.folded("left") else "two-camera",
         )
+
+    def pinholes(self) -> Calibration:
+        """Return this calibration with the pinholes that come nearest over its range; itself where there is no glass.
+
+        What it says of its uncertainty goes: it belongs to the cameras behind glass.
+        """
+        nearest = self.nearest_pinholes()
+        if nearest.left is self.left:
+            return self
+        return replace(self, left=nearest.left, right=nearest.right, uncertainty=None)
+
+    def nearest_pinholes(self) -> Pinholes:
+        """Return the two pinholes that come nearest over the range, and what they leave in pixels."""
+        frame, near = (self.frame_width, self.frame_height), self.range.near_mm
+        return nearest_pinholes(self.left, self.right, self.views, frame, near, self.range.far_mm)
 
     def require_frame(self, frame: RawFrame) -> None:
         """Refuse a frame of another size or another focus than this calibration was made for."""
@@ -174,3 +190,9 @@ def _check_pose(calibration: Calibration) -> None:
             f"the right camera stands at {np.round(right.centre, 3)} of the left one, not to its right: left and "
             "right are exchanged; give the frames or the layout the other way round"
         )
+    if calibration.left.plate != calibration.right.plate:
+        raise CalibrationError(
+            "the two views have different glass before them: one prism is one plate, give it to both"
+        )
+    if calibration.left.plate is not None and calibration.unit != "mm":
+        raise CalibrationError("glass has a thickness in mm, but the unit is squares: calibrate with --square-mm")

@@ -1,13 +1,11 @@
-"""What a rig file promises as two pinhole cameras: the ones that fit its exact optics best over its range.
+"""What a rig file promises as two cameras: exact ones, but where glass bends directions.
 
-Mirrors make exact pinholes. Behind a glass plate a view is not quite one: focal length, two distortion terms and a shift
-along the axis, the same for both views, take up most of it. Glass that bends directions gets a lens and a pose for each
-view (reference: optics, not a single viewpoint).
+Mirrors make exact pinholes, and a prism that unfolds to a plate makes cameras behind a plate. Glass that bends directions
+gets the lens and the pose for each view that fit it best over the rig's range (reference: optics, not a single viewpoint).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,18 +13,18 @@ from numpy.typing import NDArray
 
 from prismstereo_calibration.camera import Camera
 from prismstereo_calibration.errors import CalibrationError
+from prismstereo_calibration.least_squares import least_squares
+from prismstereo_calibration.plate import Plate
 from prismstereo_hw.lens import Lens
 from prismstereo_hw.optics.outlook import outlook
 from prismstereo_hw.optics.sight import Sight, sight
 from prismstereo_hw.optics.trace import view_fates
-from prismstereo_hw.optics.unfold import FoldedView
 from prismstereo_hw.rig import Rig
 from prismstereo_hw.view import Side
 
-__all__ = ["nominal_cameras"]
+__all__ = ["nominal_cameras", "nominal_plate"]
 
 Array = NDArray[np.float64]
-_ROUNDS = 8
 _GRID = (20, 12)
 _DEPTHS = 6
 _LEAST_KEPT = 0.1  # of a view's pixels
@@ -53,7 +51,8 @@ def nominal_cameras(rig: Rig) -> tuple[Camera, Camera]:
         upright.append(_Pinhole(lens, flip @ pinhole.R, flip @ pinhole.t))
     left, right = upright
     R = right.R @ left.R.T
-    return Camera.at_origin(left.lens), Camera(right.lens, R, right.t - R @ left.t)
+    plate = nominal_plate(rig)
+    return Camera.at_origin(left.lens, plate), Camera(right.lens, R, right.t - R @ left.t, plate)
 
 
 def _unfolded(rig: Rig) -> tuple[_Pinhole, _Pinhole] | None:
@@ -61,30 +60,16 @@ def _unfolded(rig: Rig) -> tuple[_Pinhole, _Pinhole] | None:
     left, right = (rig.folded(side) for side in _SIDES)
     if left is None or right is None:
         return None
-    lens, shift_mm = _fit_plate(rig, left) if left.plate_mm else (rig.lens(), 0.0)
-    one, other = (
-        _Pinhole(lens, view.R, view.view_from_rig(np.zeros(3)) - np.array([0.0, 0.0, shift_mm]))
-        for view in (left, right)
-    )
+    for side in _SIDES:
+        _lit(rig, side)
+    one, other = (_Pinhole(rig.lens(), view.R, view.view_from_rig(np.zeros(3))) for view in (left, right))
     return one, other
 
 
-def _fit_plate(rig: Rig, view: FoldedView) -> tuple[Lens, float]:
-    """Fit focal length, k1, k2 and an axial shift to the exact optics of a view behind a plate."""
-    true = rig.lens()
-    points, pixels = _sample(rig, view)
-    seen = view.view_from_rig(points)
-
-    def lens_of(p: Array) -> Lens:
-        focal_px = float(true.fx_px * p[0])
-        return Lens(focal_px, focal_px, true.cx_px, true.cy_px, (float(p[1]), float(p[2]), 0.0, 0.0, 0.0))
-
-    def projected(p: Array) -> Array:
-        return lens_of(p).project(seen - np.array([0.0, 0.0, p[3]]))
-
-    start, steps = np.array([1.0, *rig.camera.distortion, 0.0]), np.array([1e-6, 1e-5, 1e-5, 1e-4])
-    found = _least_squares(projected, pixels, start, steps)
-    return lens_of(found), float(found[3])
+def nominal_plate(rig: Rig) -> Plate | None:
+    """Return the glass that stands before both views of a rig; None for mirrors alone and for glass that is no plate."""
+    view = rig.folded("left")
+    return Plate(view.plate_mm, view.index) if view is not None and view.plate_mm else None
 
 
 def _fit_alone(rig: Rig, side: Side) -> _Pinhole:
@@ -105,7 +90,7 @@ def _fit_alone(rig: Rig, side: Side) -> _Pinhole:
         return at.lens.project(points @ at.R.T + at.t)
 
     steps = np.array([1e-3] * 4 + [1e-6] * 5 + [1e-7] * 3 + [1e-5] * 3)
-    return pinhole(_least_squares(projected, pixels, start, steps))
+    return pinhole(least_squares(projected, pixels, start, steps))
 
 
 def _small_turn(turn: Array) -> Array:
@@ -115,35 +100,24 @@ def _small_turn(turn: Array) -> Array:
     return np.asarray(np.linalg.solve(np.eye(3) - W, np.eye(3) + W))
 
 
-def _least_squares(projected: Callable[[Array], Array], pixels: Array, start: Array, steps: Array) -> Array:
-    """Minimise the reprojection error by Gauss and Newton's method; what the points do not determine stays as it was."""
-    parameters = start
-    for _ in range(_ROUNDS):
-        here = projected(parameters).ravel()
-        columns = [
-            (projected(parameters + step * unit).ravel() - here) / step
-            for step, unit in zip(steps, np.eye(len(start)), strict=True)
-        ]
-        jacobian = np.stack(columns, axis=1)
-        scale = 1 / np.linalg.norm(jacobian, axis=0)
-        change = np.linalg.lstsq(jacobian * scale, pixels.ravel() - here, rcond=1e-8)[0]
-        parameters = parameters + scale * change
-    return parameters
-
-
 def _sample(rig: Rig, view: Sight) -> tuple[Array, Array]:
     """Return rig points (N, 3), evenly spread over picture and disparity, and their exact raw pixels (N, 2)."""
-    video, looking = rig.camera.video, outlook(rig)
-    x, y, w, h = rig.views[_SIDES.index(view.side)].rectangle(video.width, video.height)
-    columns, rows = np.meshgrid(np.linspace(x, x + w - 1, _GRID[0]), np.linspace(y, y + h - 1, _GRID[1]))
-    pixels = np.stack([columns.ravel(), rows.ravel()], axis=-1)
-    slopes = rig.lens().slopes(pixels)
-    kept = view_fates(rig, view.side, slopes).fate == 0
-    if np.count_nonzero(kept) < _LEAST_KEPT * kept.size:
-        raise CalibrationError(f"rig {rig.name!r} shows next to nothing: see `prismstereo design` for its limits")
-    origin, direction = view.rays(slopes[kept])
+    looking, pixels = outlook(rig), _lit(rig, view.side)
+    origin, direction = view.rays(rig.lens().slopes(pixels))
     near, far = rig.range.near_mm, min(rig.range.far_mm, 100 * rig.range.near_mm)
     depth = 1 / np.linspace(1 / near, 1 / far, _DEPTHS)
     reach = (depth[:, None] - looking.to_scene(origin)[:, 2]) / (direction @ looking.R_rig_from_scene)[:, 2]
     points = origin + reach[..., None] * direction
-    return points.reshape(-1, 3), np.tile(pixels[kept], (_DEPTHS, 1))
+    return points.reshape(-1, 3), np.tile(pixels, (_DEPTHS, 1))
+
+
+def _lit(rig: Rig, side: Side) -> Array:
+    """Return the raw pixels (N, 2) of a grid over a view that light comes to; refuse a rig that shows next to nothing."""
+    video = rig.camera.video
+    x, y, w, h = rig.views[_SIDES.index(side)].rectangle(video.width, video.height)
+    columns, rows = np.meshgrid(np.linspace(x, x + w - 1, _GRID[0]), np.linspace(y, y + h - 1, _GRID[1]))
+    pixels = np.stack([columns.ravel(), rows.ravel()], axis=-1)
+    kept = view_fates(rig, side, rig.lens().slopes(pixels)).fate == 0
+    if np.count_nonzero(kept) < _LEAST_KEPT * kept.size:
+        raise CalibrationError(f"rig {rig.name!r} shows next to nothing: see `prismstereo design` for its limits")
+    return np.asarray(pixels[kept])

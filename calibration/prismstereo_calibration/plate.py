@@ -40,6 +40,12 @@ class Plate:
         if not 1 < self.index <= 4:
             raise CalibrationError(f"a glass plate of refractive index {self.index:g}: give one between 1 and 4")
 
+    def admits(self, slopes: Array) -> NDArray[np.bool_]:
+        """Tell which slopes (..., 2) come through: beyond asin(n sin(60 - asin(1 / n))) the prism no longer reflects them."""
+        sine = self.index * math.sin(math.radians(60) - math.asin(1 / self.index))
+        steepest = math.inf if sine >= 1 else math.tan(math.asin(max(sine, 0.0)))
+        return np.asarray(np.abs(slopes[..., 0]) <= steepest)
+
     def slopes(self, points: Array) -> Array:
         """Return the slopes (..., 2) at which points (..., 3) are seen; NaN behind the pinhole."""
         return self.seen(points)[0]
@@ -56,7 +62,7 @@ class Plate:
             root = np.sqrt(n2 + (n2 - 1) * u * u)
             step = (reduced * u + h * u / root - radius) / (reduced + h * n2 / root**3)
             u = u - step
-            if not np.nanmax(np.abs(step), initial=0.0) > _NEWTON_TOLERANCE:
+            if not np.max(np.abs(step), initial=0.0, where=np.isfinite(step)) > _NEWTON_TOLERANCE:
                 break
         steepness = reduced + h * n2 / np.sqrt(n2 + (n2 - 1) * u * u) ** 3
         off_axis = radius > 0

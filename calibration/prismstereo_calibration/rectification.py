@@ -7,16 +7,20 @@ the offset of the range window, so that disparity 1 is the far end of the range.
 Behind a prism the optical axes of the two views diverge and the principal point sits at each view's inner border. What
 is kept in the picture is therefore the *view*, not the principal point: the columns are chosen so that, over the whole
 range window, most of what both views see has a place in both pictures.
+
+Behind glass a view is no pinhole. The rectified pictures are those of the two pinholes that come nearest, exact at one depth in
+the middle of the window; what that leaves of disparity elsewhere is smooth and known, and the window gives it back.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from prismstereo_calibration.camera import Camera
+from prismstereo_calibration.glass_parallax import GlassParallax
 from prismstereo_calibration.model import Calibration
 from prismstereo_calibration.window import DisparityWindow
 from prismstereo_hw.rig import RangeWish
@@ -26,21 +30,30 @@ __all__ = ["Rectification", "RectifiedView", "rectification"]
 
 Array = NDArray[np.float64]
 _DEPTH_SAMPLES = 16
+_GLASS_GRID = (17, 13)
+_NEARLY_INFINITE = 1e-3  # pixels of parallax
 
 
 @dataclass(frozen=True, slots=True)
 class RectifiedView:
-    """One view's way from rectified to raw: its camera, its turn, its principal column."""
+    """One view's way from rectified to raw: its camera, where its rectified pinhole stands and looks, its principal column.
+
+    `pinhole` (3,) is in the left camera's frame, like the rows of `R_rectified_from_left` (3, 3).
+    """
 
     camera: Camera
     view: View
-    R_rectified_from_camera: Array
+    R_rectified_from_left: Array
+    pinhole: Array
     cx_px: float
 
 
 @dataclass(frozen=True, slots=True)
 class Rectification:
-    """Everything needed to build rectification maps and to make metric depth of what was matched on them."""
+    """Everything needed to build rectification maps and to make metric depth of what was matched on them.
+
+    `exact_at`: the depth at which the maps of views behind glass are exact; any other will do for pinholes.
+    """
 
     left: RectifiedView
     right: RectifiedView
@@ -52,27 +65,37 @@ class Rectification:
     frame_height: int
     window: DisparityWindow
     unit: str
+    exact_at: float = 1.0
 
     def sources(self, side: RectifiedView) -> NDArray[np.float32]:
         """Return, for every rectified pixel, the pixel (height, width, 2) of the upright cut-out view; NaN outside of it."""
         columns, rows = np.meshgrid(np.arange(self.width, dtype=float), np.arange(self.height, dtype=float))
-        slopes = np.stack([(columns - side.cx_px) / self.focal_px, (rows - self.cy_px) / self.focal_px], axis=-1)
-        direction = np.concatenate([slopes, np.ones_like(slopes[..., :1])], axis=-1) @ side.R_rectified_from_camera
-        ahead = direction[..., 2] > 0.05
-        pinhole = direction[..., :2] / np.where(ahead, direction[..., 2], 1.0)[..., None]
-        lens = side.camera.lens
+        points = self.points_at(np.stack([columns, rows], axis=-1), np.full(columns.shape, self.exact_at), side)
+        camera = side.camera
+        own = points @ camera.R_camera_from_left.T + camera.t_camera_from_left
+        ahead = own[..., 2] > 0.05 * self.exact_at
+        own = np.where(ahead[..., None], own, np.array([0.0, 0.0, self.exact_at]))
+        slopes = own[..., :2] / own[..., 2:] if camera.plate is None else camera.plate.slopes(own)
         x, y, _, _ = side.view.rectangle(self.frame_width, self.frame_height)
         w, h = side.view.upright_size(self.frame_width, self.frame_height)
-        pixels = lens.project_slopes(pinhole) - np.array([x, y])
+        pixels = camera.lens.project_slopes(slopes) - np.array([x, y])
         within = np.all((pixels >= 0) & (pixels <= np.array([w - 1, h - 1])), axis=-1)
-        inside = ahead & lens.one_to_one(pinhole) & within
+        inside = ahead & camera.lens.one_to_one(slopes) & within
         return np.where(inside[..., None], pixels, np.nan).astype(np.float32)
+
+    def points_at(self, pixels: Array, depth: Array, side: RectifiedView) -> Array:
+        """Return what rectified pixels (..., 2) of a view show at a depth (...): points (..., 3) of the left camera's frame."""
+        slopes = (pixels - np.array([side.cx_px, self.cy_px])) / self.focal_px
+        rays = np.concatenate([slopes, np.ones_like(slopes[..., :1])], axis=-1)
+        return np.asarray(side.pinhole + depth[..., None] * (rays @ side.R_rectified_from_left))
 
     def rectify(self, pixels: Array, side: RectifiedView) -> Array:
         """Take upright pixels (..., 2) of a view to rectified pixels (..., 2) of the same view."""
-        slopes = side.camera.lens.slopes(pixels)
-        direction = np.concatenate([slopes, np.ones_like(slopes[..., :1])], axis=-1) @ side.R_rectified_from_camera.T
-        flat = direction[..., :2] / direction[..., 2:]
+        origin, direction = side.camera.rays(pixels)
+        begin = (origin - side.pinhole) @ side.R_rectified_from_left.T
+        along = direction @ side.R_rectified_from_left.T
+        reach = (self.exact_at - begin[..., 2:]) / along[..., 2:]
+        flat = (begin + reach * along)[..., :2] / self.exact_at
         return np.asarray(self.focal_px * flat + np.array([side.cx_px, self.cy_px]))
 
     def points(self, depth: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -90,29 +113,36 @@ def rectification(calibration: Calibration, wish: RangeWish | None = None, label
     the search is as long as the range needs; `labels` alone go with the calibration's range.
     `UsageError` when it cannot be had.
     """
-    left, right = calibration.left, calibration.right
-    turn = _turn(calibration)
-    focal_px = calibration.focal_px
-    scale = focal_px * calibration.baseline
+    pinholes = calibration.pinholes()
+    turn = _turn(pinholes)
+    focal_px = pinholes.focal_px
+    scale = focal_px * pinholes.baseline
     asked = calibration.range if wish is None else wish
     if wish is None and labels is None:  # the unit's own range: a built unit's near end is where its labels end
         window = DisparityWindow.reaching(scale, asked.far_mm, asked.labels)
     else:
         window = DisparityWindow.between(scale, asked.near_mm, asked.far_mm, labels)
-    views = (
-        (left, calibration.left_view, turn),
-        (right, calibration.right_view, turn @ right.R_camera_from_left.T),
-    )
-    spans = [_span(camera, view, R, focal_px, calibration) for camera, view, R in views]
+    cameras = (pinholes.left, pinholes.right)
+    turns = (turn, turn @ pinholes.right.R_camera_from_left.T)
+    spans = [
+        _span(camera, view, R, focal_px, calibration)
+        for camera, view, R in zip(cameras, calibration.views, turns, strict=True)
+    ]
     sizes = [view.upright_size(calibration.frame_width, calibration.frame_height) for view in calibration.views]
     width = max(size[0] for size in sizes)
     height = max(size[1] * view.row_step for size, view in zip(sizes, calibration.views, strict=True))
     first = _first_column(spans[0][:2], spans[1][:2], width, window)
     cx = (-first, -first + window.offset_px)
-    rectified = [RectifiedView(camera, view, R, c) for (camera, view, R), c in zip(views, cx, strict=True)]
-    return Rectification(
-        left=rectified[0],
-        right=rectified[1],
+    shift = calibration.nearest_pinholes().shift * np.array([0.0, 0.0, 1.0])
+    left, right = (
+        RectifiedView(own, view, turn, nearest.centre + shift, column)
+        for own, view, nearest, column in zip(
+            (calibration.left, calibration.right), calibration.views, cameras, cx, strict=True
+        )
+    )
+    flat = Rectification(
+        left=left,
+        right=right,
         focal_px=focal_px,
         cy_px=(height - 1) / 2 - (spans[0][2] + spans[1][2]) / 2,
         width=width,
@@ -122,6 +152,27 @@ def rectification(calibration: Calibration, wish: RangeWish | None = None, label
         window=window,
         unit=calibration.unit,
     )
+    return flat if calibration.left.plate is None else _behind_glass(flat)
+
+
+def _behind_glass(flat: Rectification) -> Rectification:
+    """Return a rectification that is exact in the middle of its window, and knows what the glass does elsewhere."""
+    window = flat.window
+    exact = replace(flat, exact_at=window.scale_px / ((1 + window.labels - 2) / 2 + window.offset_px))
+    columns, rows = np.meshgrid(
+        np.linspace(0, flat.width - 1, _GLASS_GRID[0]), np.linspace(0, flat.height - 1, _GLASS_GRID[1])
+    )
+    pixels = np.stack([columns.ravel(), rows.ravel()], axis=-1)[:, None]
+    ideal = np.linspace(1, window.labels - 2, _DEPTH_SAMPLES)
+    depth = np.broadcast_to(
+        window.scale_px / np.maximum(ideal + window.offset_px, _NEARLY_INFINITE), (len(pixels), len(ideal))
+    )
+    points = exact.points_at(pixels, depth, exact.left)
+    found = [exact.rectify(side.camera.project(points), side) for side in (exact.left, exact.right)]
+    disparity = found[0][..., 0] - found[1][..., 0]
+    missing = ideal - disparity
+    glass = GlassParallax.fitted(found[0], disparity, missing, (exact.width, exact.height), window.labels)
+    return replace(exact, window=replace(window, glass=glass))
 
 
 def _middle_slopes(camera: Camera, view: View, calibration: Calibration) -> Array:

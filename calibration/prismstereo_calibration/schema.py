@@ -21,10 +21,25 @@ from msgspec.structs import replace
 from prismstereo_calibration.camera import Camera
 from prismstereo_calibration.errors import CalibrationError
 from prismstereo_calibration.model import Calibration, Model, Unit
+from prismstereo_calibration.schema_parts import (
+    CovariancePart,
+    LensPart,
+    OutputPart,
+    PlatePart,
+    ViewPart,
+    covariance_part,
+    lens_of,
+    lens_part,
+    output_of,
+    output_part,
+    plate_of,
+    plate_part,
+    uncertainty_of,
+    view_of,
+    view_part,
+)
 from prismstereo_hw.errors import RigError
-from prismstereo_hw.lens import Lens
 from prismstereo_hw.rig import RangeWish
-from prismstereo_hw.view import View
 
 __all__ = ["MAX_BYTES", "SCHEMA", "CalibrationFile", "decode", "encode", "from_file", "to_file"]
 
@@ -42,39 +57,6 @@ _Count = Annotated[int, Meta(ge=0, le=1_000_000)]
 _Size = Annotated[int, Meta(ge=1, le=65536)]
 _Small = Annotated[int, Meta(ge=0, le=8)]
 _Row = tuple[_Cosine, _Cosine, _Cosine]
-
-
-class ViewPart(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, omit_defaults=True):
-    """One view's rectangle, as fractions of the frame, and how it stands there (see `prismstereo_hw.view`).
-
-    Rows, exposures and the polygon are left out where the view is all of its rectangle.
-    """
-
-    left_fraction: _Fraction
-    top_fraction: _Fraction
-    width_fraction: _Fraction
-    height_fraction: _Fraction
-    mirrored: bool
-    turn_deg: Literal[0, 90, 180, 270]
-    row_start: _Small = 0
-    row_step: _Small = 1
-    exposure: _Small = 0
-    exposures: _Small = 1
-    polygon_fraction: Annotated[tuple[tuple[_Fraction, _Fraction], ...], Meta(max_length=64)] = ()
-
-
-class LensPart(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """One camera's lens in upright full-frame pixels (see `prismstereo_hw.lens`); k1 .. k3 have no unit."""
-
-    fx_px: _Focal
-    fy_px: _Focal
-    cx_px: _Pixels
-    cy_px: _Pixels
-    k1: _Coefficient
-    k2: _Coefficient
-    p1: _Coefficient
-    p2: _Coefficient
-    k3: _Coefficient
 
 
 class CalibrationFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -101,6 +83,10 @@ class CalibrationFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
     lens_position: Annotated[int, Meta(ge=-1_000_000, le=1_000_000)] | None
     rms_px: Annotated[float, Meta(ge=0, le=1e6)] | None
     views_used: _Count
+    glass: PlatePart | UnsetType = UNSET
+    temperature_c: Annotated[float, Meta(ge=-100, le=200)] | UnsetType = UNSET
+    outputs: Annotated[tuple[OutputPart, ...], Meta(max_length=16)] | UnsetType = UNSET
+    covariance: CovariancePart | UnsetType = UNSET
     sha256: Annotated[str, Meta(pattern="^[0-9a-f]{64}$")] | UnsetType = UNSET
 
 
@@ -112,58 +98,6 @@ class _Head(msgspec.Struct):
 
 _decoder = msgspec.json.Decoder(CalibrationFile)
 _head_decoder = msgspec.json.Decoder(_Head)
-
-
-def _view_part(view: View) -> ViewPart:
-    return ViewPart(
-        left_fraction=view.left,
-        top_fraction=view.top,
-        width_fraction=view.width,
-        height_fraction=view.height,
-        mirrored=view.mirrored,
-        turn_deg=view.turn_deg,
-        row_start=view.row_start,
-        row_step=view.row_step,
-        exposure=view.exposure,
-        exposures=view.exposures,
-        polygon_fraction=view.polygon,
-    )
-
-
-def _view(part: ViewPart) -> View:
-    return View(
-        left=part.left_fraction,
-        top=part.top_fraction,
-        width=part.width_fraction,
-        height=part.height_fraction,
-        mirrored=part.mirrored,
-        turn_deg=part.turn_deg,
-        row_start=part.row_start,
-        row_step=part.row_step,
-        exposure=part.exposure,
-        exposures=part.exposures,
-        polygon=part.polygon_fraction,
-    )
-
-
-def _lens_part(lens: Lens) -> LensPart:
-    k1, k2, p1, p2, k3 = (float(value) for value in lens.distortion)
-    return LensPart(
-        fx_px=float(lens.fx_px),
-        fy_px=float(lens.fy_px),
-        cx_px=float(lens.cx_px),
-        cy_px=float(lens.cy_px),
-        k1=k1,
-        k2=k2,
-        p1=p1,
-        p2=p2,
-        k3=k3,
-    )
-
-
-def _lens(part: LensPart) -> Lens:
-    distortion = (part.k1, part.k2, part.p1, part.p2, part.k3)
-    return Lens(part.fx_px, part.fy_px, part.cx_px, part.cy_px, distortion)
 
 
 def _sha256(content: CalibrationFile) -> str:
@@ -187,15 +121,19 @@ def to_file(calibration: Calibration) -> CalibrationFile:
         unit=calibration.unit,
         frame_width_px=calibration.frame_width,
         frame_height_px=calibration.frame_height,
-        left_view=_view_part(calibration.left_view),
-        right_view=_view_part(calibration.right_view),
-        left_lens=_lens_part(left.lens),
-        right_lens=_lens_part(right.lens),
+        left_view=view_part(calibration.left_view),
+        right_view=view_part(calibration.right_view),
+        left_lens=lens_part(left.lens),
+        right_lens=lens_part(right.lens),
         R_right_from_left=(a, b, c),
         labels=wish.labels,
         lens_position=calibration.lens_position,
         rms_px=None if calibration.rms_px is None else float(calibration.rms_px),
         views_used=calibration.views_used,
+        glass=UNSET if left.plate is None else plate_part(left.plate),
+        temperature_c=UNSET if calibration.temperature_c is None else float(calibration.temperature_c),
+        outputs=tuple(map(output_part, calibration.outputs)) or UNSET,
+        covariance=UNSET if calibration.uncertainty is None else covariance_part(calibration.uncertainty),
     )
     content = replace(content, **lengths)
     return replace(content, sha256=_sha256(content))
@@ -229,23 +167,27 @@ def from_file(content: CalibrationFile) -> Calibration:
     t, near, far = _lengths(content)
     try:
         wish = RangeWish(near_mm=near, far_mm=far, labels=content.labels)
-        left_view, right_view = _view(content.left_view), _view(content.right_view)
+        left_view, right_view = view_of(content.left_view), view_of(content.right_view)
     except RigError as error:
         raise CalibrationError(str(error)) from error
+    plate = None if content.glass is UNSET else plate_of(content.glass)
     return Calibration(
         rig=content.rig,
         frame_width=content.frame_width_px,
         frame_height=content.frame_height_px,
         left_view=left_view,
         right_view=right_view,
-        left=Camera.at_origin(_lens(content.left_lens)),
-        right=Camera(_lens(content.right_lens), np.array(content.R_right_from_left), np.array(t)),
+        left=Camera.at_origin(lens_of(content.left_lens), plate),
+        right=Camera(lens_of(content.right_lens), np.array(content.R_right_from_left), np.array(t), plate),
         range=wish,
         model=content.model,
         unit=content.unit,
         lens_position=content.lens_position,
         rms_px=content.rms_px,
         views_used=content.views_used,
+        temperature_c=None if content.temperature_c is UNSET else content.temperature_c,
+        uncertainty=None if content.covariance is UNSET else uncertainty_of(content.covariance),
+        outputs=() if content.outputs is UNSET else tuple(map(output_of, content.outputs)),
     )
 
 

@@ -8,11 +8,12 @@ number of labels any two give the third.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
+from prismstereo_calibration.glass_parallax import GlassParallax
 from prismstereo_hw.errors import UsageError
 
 __all__ = ["DisparityWindow"]
@@ -25,12 +26,14 @@ _MOST_LABELS = 1024
 class DisparityWindow:
     """Number of labels, and the offset that makes depth of disparity; lengths in the calibration's unit.
 
-    `scale_px` is F = focal_px * baseline; 0 where the pair is not metric (two rectified pictures from anywhere).
+    `scale_px` is F = focal_px * baseline; 0 where the pair is not metric (two rectified pictures from anywhere). `glass` is
+    what glass before the lens takes from the disparity of a picture of its size.
     """
 
     labels: int
     offset_px: float = 0.0
     scale_px: float = 0.0
+    glass: GlassParallax | None = field(default=None, compare=False)
 
     @classmethod
     def between(cls, scale_px: float, near: float, far: float, labels: int | None = None) -> DisparityWindow:
@@ -84,3 +87,9 @@ class DisparityWindow:
         with np.errstate(over="ignore"):  # a depth past float32 is as good as infinity
             depth = np.where(total > 0, self.scale_px / np.where(total > 0, total, 1.0), np.inf)
             return np.where(np.isnan(total), np.nan, depth).astype(np.float32)
+
+    def depth_map(self, disparity_px: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Turn a whole disparity map (height, width) into depth, glass considered."""
+        if self.glass is None or disparity_px.shape != (self.glass.height, self.glass.width):
+            return self.depth(disparity_px)
+        return self.depth(disparity_px + self.glass.missing_px(disparity_px))

@@ -37,7 +37,7 @@ class DisparityMap:
 
     def depth(self) -> NDArray[np.float32]:
         """Depth along the rectified z axis in the calibration's unit (mm), NaN where unmatched."""
-        return self.window.depth(self.disparity_px)
+        return self.window.depth_map(self.disparity_px)
 
     def fixed_point(self) -> NDArray[np.uint16]:
         """Disparity in sixteenths of a pixel, 0 where unmatched: the form on the wire and in PNG files.

@@ -63,7 +63,7 @@ def point_cloud(
 
     `picture` (height, width) grey or (height, width, 3) BGR is the rectified left picture, and paints the points.
     """
-    depth = disparity.depth()
+    depth = rectification.window.depth_map(disparity.disparity_px)
     if depth.shape != (rectification.height, rectification.width):
         raise ImageError(
             f"the disparity map is {depth.shape[1]}x{depth.shape[0]}, but this calibration's rectified pictures are "

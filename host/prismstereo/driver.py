@@ -2,7 +2,7 @@
 
     with StereoCamera.open("/dev/ttyACM0") as camera:
         for frame in camera:
-            depth_mm = frame.disparity.depth()
+            depth_mm = camera.depth(frame)
 
 Two threads work behind it: one reads, one keeps the session alive, so a slow `for` loop loses frames (counted) but never
 the sensor.
@@ -15,6 +15,7 @@ import threading
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
@@ -39,7 +40,11 @@ from prismstereo_device.wire import FIRST, LAST, LIMITS, REPLY, Channel, WireErr
 from prismstereo_hw.errors import DataError, DeviceError
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from prismstereo_calibration.model import Calibration
+    from prismstereo_calibration.window import DisparityWindow
 
 __all__ = ["CameraIdentity", "CameraStatistics", "StereoCamera"]
 
@@ -197,6 +202,17 @@ class StereoCamera:
         from prismstereo_calibration import flash
 
         return flash.unpack(self.calibration_bytes)
+
+    @cached_property
+    def window(self) -> DisparityWindow:
+        """The range window of the camera's frames, with what the glass before its lens does; fetches the calibration."""
+        from prismstereo_calibration.rectification import rectification
+
+        return rectification(self.calibration).window
+
+    def depth(self, frame: ReceivedFrame) -> NDArray[np.float32]:
+        """Depth (height, width) of a frame along the rectified z axis in mm, glass considered; NaN where unmatched."""
+        return self.window.depth_map(frame.disparity.disparity_px)
 
     def _listen(self) -> None:
         heard_at_s = time.monotonic()

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from prismstereo_calibration.model import Calibration
 from prismstereo_calibration.rectification import Rectification, RectifiedView, rectification
+from prismstereo_calibration.uncalibrated.partners import partners
 from prismstereo_device.rectify import RectifiedPair, Rectifier
 from prismstereo_device.split import split
 from prismstereo_hw.errors import ImageError
@@ -26,9 +27,7 @@ __all__ = ["MatchedRows", "matched_rows"]
 Array = NDArray[np.float64]
 
 _FEATURES = 1500  # of each picture
-_DISTINCT = 0.8  # a partner must be so much nearer than the second best
 _MOST_TURN = 0.12  # of the focal length: farther off its row, a partner is a mistake or the rig file another unit's
-_LEAST_FEATURES = 24
 _LEAST_PAIRS = 16
 _PATCH = 25  # pixels a side: what is compared of the two pictures around a pair
 
@@ -69,7 +68,7 @@ def matched_rows(frames: Sequence[RawFrame], rig: Rig) -> MatchedRows:
     how = rectification(calibration)
     rectifier = Rectifier(how)
     pairs = [rectifier.rectify(split(frame, rig.views)) for frame in frames]
-    found = [_pairs(pair) for pair in pairs]
+    found = [partners(pair.left, pair.right, pair.left_seen, pair.right_seen, features=_FEATURES) for pair in pairs]
     left, right = (np.concatenate([points[side] for points in found]) for side in (0, 1))
     keep = _consistent(left, right, _MOST_TURN * how.focal_px)
     if np.count_nonzero(keep) < _LEAST_PAIRS:
@@ -90,31 +89,6 @@ def matched_rows(frames: Sequence[RawFrame], rig: Rig) -> MatchedRows:
     )
 
 
-def _pairs(pair: RectifiedPair) -> tuple[Array, Array]:
-    """Return points (N, 2) of the left and the right picture that are each other's only likeness."""
-    sift = cv2.SIFT.create(_FEATURES)
-    described = []
-    for side, picture, seen in (("left", pair.left, pair.left_seen), ("right", pair.right, pair.right_seen)):
-        mask = None if seen is None else seen.astype(np.uint8)
-        points, words = sift.detectAndCompute(picture, mask)
-        if len(points) < _LEAST_FEATURES:
-            raise ImageError(
-                f"the {side} view shows {len(points)} points that could be found again, and {_LEAST_FEATURES} are needed: let "
-                "the rig look at something with texture, in focus and well lit"
-            )
-        described.append((np.array([point.pt for point in points], float), words))
-    (left, left_words), (right, right_words) = described
-    matcher = cv2.BFMatcher(cv2.NORM_L2)
-    back = {match.queryIdx: match.trainIdx for match in matcher.match(right_words, left_words)}
-    kept = [
-        (best.queryIdx, best.trainIdx)
-        for best, second in matcher.knnMatch(left_words, right_words, k=2)
-        if best.distance < _DISTINCT * second.distance and back[best.trainIdx] == best.queryIdx
-    ]
-    index = np.array(kept, int).reshape(-1, 2)
-    return left[index[:, 0]], right[index[:, 1]]
-
-
 def _consistent(left: Array, right: Array, most_px: float) -> NDArray[np.bool_]:
     """Tell which pairs lie about as far off their rows as most others do, a small turn of the views allowed for."""
     off = right[:, 1] - left[:, 1]
@@ -128,9 +102,8 @@ def _consistent(left: Array, right: Array, most_px: float) -> NDArray[np.bool_]:
 
 def _raw(how: Rectification, side: RectifiedView, rectified: Array) -> Array:
     """Take rectified pixels (N, 2) of a view to the raw frame."""
-    slopes = (rectified - np.array([side.cx_px, how.cy_px])) / how.focal_px
-    direction = np.concatenate([slopes, np.ones_like(slopes[:, :1])], axis=1) @ side.R_rectified_from_camera
-    upright = side.camera.lens.project(direction)
+    points = how.points_at(rectified, np.full(len(rectified), how.exact_at), side)
+    upright = side.camera.project(points)
     return side.view.raw_from_upright(upright, how.frame_width, how.frame_height)
 
 

@@ -66,7 +66,7 @@ def test_a_rig_of_the_literature_calibrates_and_gives_depth(name: str) -> None:
 
     assert solution.rms_px < allowed.rms_px
     truth = true_disparity(twin.truth(1), rectification(solution.calibration))
-    error = np.abs(found.depth() - found.window.depth(truth)) / found.window.depth(truth)
+    error = np.abs(found.depth() - found.window.depth_map(truth)) / found.window.depth_map(truth)
     print(
         f"{name}: rms {solution.rms_px:.3f} px, depth error {np.nanmedian(error):.4f}, {np.isfinite(error).mean():.2f} of it"
     )

@@ -117,7 +117,7 @@ def test_two_views_in_alternate_rows_share_one_lens_too() -> None:
     seed = one_lens.seed(BOARD.points(), detection.pixels(), (even, odd), 1280, 720)
     found = fit_frames(detection, BOARD, Start(model, (seed,), None)).unknowns
     focal_px, cx_px, cy_px, _, _ = found.lens
-    assert np.linalg.norm(found.right.t) == pytest.approx(60.0, abs=0.2)
+    assert np.linalg.norm(found.others[0].t) == pytest.approx(60.0, abs=0.2)
     assert focal_px == pytest.approx(LENS.fx_px, rel=5e-3)
     assert cx_px == pytest.approx(LENS.cx_px, abs=3)
     assert cy_px == pytest.approx(LENS.cy_px, abs=3)
@@ -135,7 +135,7 @@ def test_mirroring_the_whole_frame_gives_the_same_answer(oak: Rig) -> None:
         Sighting.of(
             pair.name,
             *(
-                view.upright_from_raw(corners.pixels * flip[0] + flip[1], 1280, 720)
+                view.upright_from_raw(corners * flip[0] + flip[1], 1280, 720)
                 for view, corners in zip(views, (pair.left, pair.right), strict=True)
             ),
         )

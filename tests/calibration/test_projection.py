@@ -76,7 +76,7 @@ def test_the_arrow_finds_the_minimum_that_a_dense_solver_finds() -> None:
         by_shared = np.stack([np.broadcast_to(weight[:, None] * decay, off.shape), with_x], axis=-1)
         by_shared = np.concatenate([by_shared, np.zeros((5, 1, 2))], axis=1)
         by_own = np.concatenate([by_own, np.full((5, 1, 1), 0.1)], axis=1)
-        return Linearised(float(np.sum(extra**2)), extra, by_shared, by_own)
+        return Linearised(float(np.sum(extra**2)), extra.size, extra, by_shared, by_own)
 
     found = minimise(
         (np.array([1.0, 0.2]), np.zeros(5)), linearise, lambda s, shared, own: (s[0] + shared, s[1] + own[:, 0])

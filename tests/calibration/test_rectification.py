@@ -48,7 +48,7 @@ def calibrations(draw: st.DrawFn) -> Calibration:
 def seen_by_both(calibration: Calibration, depths_mm: np.ndarray) -> np.ndarray:
     """Points (N, 3) of the left camera's frame at depths of all sizes, in the directions both views look."""
     made = rectification(calibration)
-    R = made.left.R_rectified_from_camera
+    R = made.left.R_rectified_from_left
     slopes = np.stack(np.meshgrid(np.linspace(-0.15, 0.15, 7), np.linspace(-0.12, 0.12, 5)), axis=-1).reshape(-1, 2)
     middle = calibration.right.centre / 2
     rays = np.column_stack([slopes, np.ones(len(slopes))]) @ R
@@ -63,7 +63,7 @@ def test_a_point_lies_on_one_row_of_both_pictures_at_the_disparity_of_its_depth(
     points = seen_by_both(calibration, np.array(depths))
     left = made.rectify(calibration.left.project(points), made.left)
     right = made.rectify(calibration.right.project(points), made.right)
-    depth = (points @ made.left.R_rectified_from_camera.T)[:, 2]
+    depth = (points @ made.left.R_rectified_from_left.T)[:, 2]
 
     np.testing.assert_allclose(left[:, 1], right[:, 1], rtol=0, atol=1e-9)
     np.testing.assert_allclose(
@@ -83,10 +83,10 @@ def test_the_scale_is_focal_length_times_baseline(calibration: Calibration) -> N
 def test_both_turns_are_rotations_onto_one_frame_along_the_baseline(calibration: Calibration) -> None:
     made = rectification(calibration)
     for side in (made.left, made.right):
-        R = side.R_rectified_from_camera
+        R = side.R_rectified_from_left
         np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-9)
         assert np.linalg.det(R) == pytest.approx(1)
-    baseline = made.left.R_rectified_from_camera @ calibration.right.centre
+    baseline = made.left.R_rectified_from_left @ calibration.right.centre
     np.testing.assert_allclose(baseline, [calibration.baseline, 0, 0], atol=1e-9)
 
 
@@ -170,7 +170,7 @@ def test_a_range_that_the_labels_do_not_reach_is_refused(nominal: Calibration) -
 
 
 def test_a_calibration_in_squares_is_rectified_in_squares() -> None:
-    ideal = NOMINAL["oak-1"]
+    ideal = NOMINAL["oak-1"].pinholes()
     squares = dataclasses.replace(
         ideal, unit="square",
         right=dataclasses.replace(ideal.right, t_camera_from_left=ideal.right.t_camera_from_left / 25.0),
@@ -204,8 +204,8 @@ def test_most_of_what_both_views_see_has_a_place(
     disparity = rectified.window.scale_px / depth - rectified.window.offset_px
     right = left - [disparity, 0]
     direction = np.column_stack([(right - [rectified.right.cx_px, rectified.cy_px]) / rectified.focal_px, np.ones(81)])
-    back = direction @ rectified.right.R_rectified_from_camera
-    right_pixels = nominal.right.lens.project(back)
+    points = rectified.right.pinhole + depth * (direction @ rectified.right.R_rectified_from_left)
+    right_pixels = nominal.right.project(points)
     both = (right_pixels[:, 0] >= 0) & (right_pixels[:, 0] <= 639)
     placed = (
         (left[:, 0] >= 0)

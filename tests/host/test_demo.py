@@ -73,7 +73,7 @@ def test_a_running_sensor_tells_who_it_is() -> None:
         result = result_of("devices", device.address)
 
     assert result["rig"] == "pi-camera-v2"
-    assert result["baseline_mm"] == pytest.approx(50.4, abs=0.1)
+    assert result["baseline_mm"] == pytest.approx(49.93, abs=0.1)
     assert result["range_min_mm"] < 450
 
 

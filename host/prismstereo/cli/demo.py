@@ -79,9 +79,9 @@ class _Received:
         if self.twin is None or self.rectification is None:
             return
         truth = true_disparity(self.twin.truth(frame.index), self.rectification)
-        window = frame.disparity.window
+        window = self.rectification.window
         error_px = np.abs(frame.disparity.disparity_px - truth)
-        error_mm = np.abs(window.depth(frame.disparity.disparity_px) - window.depth(truth))
+        error_mm = np.abs(window.depth_map(frame.disparity.disparity_px) - window.depth_map(truth))
         both = np.isfinite(error_mm)
         if both.any():
             self.errors_px.append(float(np.median(error_px[both])))
