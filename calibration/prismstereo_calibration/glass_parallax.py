@@ -1,13 +1,15 @@
 """What glass does to the disparity of rectified pictures: smooth, known, and taken away before depth is computed.
 
 The maps are exact at one depth. At another, the disparity of a point is off by an amount that grows with the distance from
-there in disparity, e = disparity - middle, and changes smoothly over the picture: e times a cubic of the pixel, and e squared
-times a plane. A few hundredths of a pixel behind a small prism, a third of a pixel at the corners of a wide lens.
+there in disparity, e = disparity - middle, and changes smoothly over the picture: e times a polynomial of fifth degree of the
+pixel, and e squared times one of second degree. A few hundredths of a pixel behind a small prism, a third of a pixel at the
+corners of a wide lens.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,8 +17,14 @@ from numpy.typing import NDArray
 __all__ = ["GlassParallax"]
 
 Array = NDArray[np.float64]
-_POWERS = tuple((i, j) for i in range(4) for j in range(4 - i))  # of the column and the row, with e
-_SQUARE_POWERS = ((0, 0), (1, 0), (0, 1))  # with e squared
+_POWERS = tuple((i, j) for i in range(6) for j in range(6 - i))  # of the column and the row, with e
+_SQUARE_POWERS = tuple((i, j) for i in range(3) for j in range(3 - i))  # with e squared
+
+
+@lru_cache(maxsize=8)
+def _maps(parallax: GlassParallax) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return the maps of a parallax, made once: they are the same for every frame."""
+    return parallax.maps()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,16 +53,19 @@ class GlassParallax:
 
     def missing_px(self, disparity_px: NDArray[np.float32]) -> NDArray[np.float32]:
         """Return what to add to a disparity map (height, width); NaN stays NaN."""
-        rows, columns = np.arange(self.height)[:, None], np.arange(self.width)[None]
-        x, y = self._scaled(columns, rows)
-        linear = np.zeros((self.height, self.width))
-        square = np.zeros((self.height, self.width))
+        linear, square = _maps(self)
+        e = (disparity_px - np.float32(self.middle_px)) / np.float32(self.half_px)
+        return np.asarray(e * (linear + e * square), np.float32)
+
+    def maps(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Return what e and its square are multiplied by at every pixel, (height, width) each."""
+        x, y = self._scaled(np.arange(self.width)[None], np.arange(self.height)[:, None])
+        linear, square = np.zeros((self.height, self.width)), np.zeros((self.height, self.width))
         for (i, j), factor in zip(_POWERS, self.factors, strict=False):
             linear += factor * x**i * y**j
         for (i, j), factor in zip(_SQUARE_POWERS, self.factors[len(_POWERS) :], strict=True):
             square += factor * x**i * y**j
-        e = (disparity_px - self.middle_px) / self.half_px
-        return np.asarray(e * (linear + e * square), np.float32)
+        return linear.astype(np.float32), square.astype(np.float32)
 
     def _scaled(self, columns: NDArray[np.generic], rows: NDArray[np.generic]) -> tuple[Array, Array]:
         return 2 * np.asarray(columns, float) / (self.width - 1) - 1, 2 * np.asarray(rows, float) / (

@@ -17,7 +17,9 @@ from prismstereo_calibration.camera import Camera
 from prismstereo_calibration.errors import CalibrationError
 from prismstereo_calibration.nominal import nominal_cameras
 from prismstereo_calibration.outputs import Output
+from prismstereo_calibration.photometry import Photometry
 from prismstereo_calibration.pinholes import Pinholes, nearest_pinholes
+from prismstereo_calibration.static_mask import StaticMask
 from prismstereo_calibration.uncertainty import Uncertainty
 from prismstereo_hw.frame import RawFrame
 from prismstereo_hw.rig import RangeWish, Rig
@@ -32,6 +34,8 @@ Unit = Literal["mm", "square"]
 _ORTHOGONAL = 1e-6
 _LARGEST_SIDE_PX = 16384
 _SMALLEST_VIEW_PX = 16
+_PLACES = 9  # each way, at which a view's distortion is tried
+_LEAST_UNFOLDED = 0.6  # of them: far from all corners a polynomial may fold, and what lies there is left out of every map
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,12 +58,17 @@ class Calibration:
     temperature_c: float | None = None
     uncertainty: Uncertainty | None = None
     outputs: tuple[Output, ...] = ()
+    photometry: Photometry | None = None
+    mask: StaticMask | None = None
 
     def __post_init__(self) -> None:
         """Refuse what no camera can be."""
         _check_frame(self)
         _check_numbers(self)
         _check_pose(self)
+        if self.mask is not None:
+            sizes = [view.upright_size(self.frame_width, self.frame_height) for view in self.views]
+            self.mask.require_sizes(sizes[0], sizes[1])
 
     @property
     def baseline(self) -> float:
@@ -159,19 +168,22 @@ def _check_numbers(calibration: Calibration) -> None:
                 f"{side} camera has its principal point at {lens.cx_px:.1f}, {lens.cy_px:.1f} px, far outside the "
                 f"frame of {width}x{calibration.frame_height}: calibrate again"
             )
-        if not np.isfinite(camera.lens.slopes(_cross(calibration, view))).all():
+        seen = np.isfinite(camera.lens.slopes(_places(calibration, view))).all(axis=-1)
+        if np.mean(seen) < _LEAST_UNFOLDED:
             raise CalibrationError(
                 f"{side} camera's distortion {camera.lens.distortion} folds the picture inside its own view: "
                 "calibrate again with corners near the borders of the view"
             )
 
 
-def _cross(calibration: Calibration, view: View) -> Array:
-    """Return the upright pixels (5, 2) of a view's middle and of the middles of its borders."""
-    x, y, _, _ = view.rectangle(calibration.frame_width, calibration.frame_height)
-    w, h = view.upright_size(calibration.frame_width, calibration.frame_height)
-    parts = np.array([[0.5, 0.5], [0.0, 0.5], [1.0, 0.5], [0.5, 0.0], [0.5, 1.0]])
-    return np.asarray(np.array([x, y]) + parts * np.array([w - 1, h - 1]))
+def _places(calibration: Calibration, view: View) -> Array:
+    """Return upright pixels (N, 2) evenly over a view, where it shows anything."""
+    frame = calibration.frame_width, calibration.frame_height
+    x, y, _, _ = view.rectangle(*frame)
+    w, h = view.upright_size(*frame)
+    columns, rows = np.meshgrid(np.linspace(x, x + w - 1, _PLACES), np.linspace(y, y + h - 1, _PLACES))
+    pixels = np.stack([columns.ravel(), rows.ravel()], axis=-1)
+    return np.asarray(pixels[view.shows(view.raw_from_upright(pixels, *frame), *frame)])
 
 
 def _check_pose(calibration: Calibration) -> None:

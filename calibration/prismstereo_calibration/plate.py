@@ -24,6 +24,7 @@ __all__ = ["Plate"]
 Array = NDArray[np.float64]
 _NEWTON_ROUNDS = 12
 _NEWTON_TOLERANCE = 1e-14
+_ON_AXIS = 1e-9  # slope below which a point is taken to be on the axis
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +66,7 @@ class Plate:
             if not np.max(np.abs(step), initial=0.0, where=np.isfinite(step)) > _NEWTON_TOLERANCE:
                 break
         steepness = reduced + h * n2 / np.sqrt(n2 + (n2 - 1) * u * u) ** 3
-        off_axis = radius > 0
+        off_axis = radius > _ON_AXIS * np.abs(Z)
         safe = np.where(off_axis, radius, 1.0)
         scale = np.where(off_axis, u / safe, 1 / depth)  # of X and Y, to their slopes
         growth = np.where(off_axis, (1 / steepness - scale) / safe**2, 0.0)  # d scale / d radius, over radius

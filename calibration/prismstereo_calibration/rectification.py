@@ -30,7 +30,8 @@ __all__ = ["Rectification", "RectifiedView", "rectification"]
 
 Array = NDArray[np.float64]
 _DEPTH_SAMPLES = 16
-_GLASS_GRID = (17, 13)
+_GLASS_GRID = (25, 17)
+_NEXT_PX = 16
 _NEARLY_INFINITE = 1e-3  # pixels of parallax
 
 
@@ -168,11 +169,22 @@ def _behind_glass(flat: Rectification) -> Rectification:
         window.scale_px / np.maximum(ideal + window.offset_px, _NEARLY_INFINITE), (len(pixels), len(ideal))
     )
     points = exact.points_at(pixels, depth, exact.left)
-    found = [exact.rectify(side.camera.project(points), side) for side in (exact.left, exact.right)]
-    disparity = found[0][..., 0] - found[1][..., 0]
+    seen = [side.camera.project(points) for side in (exact.left, exact.right)]
+    found = [exact.rectify(pixels, side) for pixels, side in zip(seen, (exact.left, exact.right), strict=True)]
+    both = _within(seen[0], exact.left, exact) & _within(seen[1], exact.right, exact)
+    disparity = np.where(both, found[0][..., 0] - found[1][..., 0], np.nan)
     missing = ideal - disparity
     glass = GlassParallax.fitted(found[0], disparity, missing, (exact.width, exact.height), window.labels)
     return replace(exact, window=replace(window, glass=glass))
+
+
+def _within(pixels: Array, side: RectifiedView, made: Rectification) -> NDArray[np.bool_]:
+    """Tell which upright pixels (..., 2) lie in a view, or next to it."""
+    x, y, _, _ = side.view.rectangle(made.frame_width, made.frame_height)
+    w, h = side.view.upright_size(made.frame_width, made.frame_height)
+    return np.asarray(
+        np.all((pixels > [x - _NEXT_PX, y - _NEXT_PX]) & (pixels < [x + w + _NEXT_PX, y + h + _NEXT_PX]), axis=-1)
+    )
 
 
 def _middle_slopes(camera: Camera, view: View, calibration: Calibration) -> Array:

@@ -18,9 +18,11 @@ import numpy as np
 from msgspec import UNSET, Meta, UnsetType
 from msgspec.structs import replace
 
+from prismstereo_calibration import photometry, static_mask
 from prismstereo_calibration.camera import Camera
 from prismstereo_calibration.errors import CalibrationError
 from prismstereo_calibration.model import Calibration, Model, Unit
+from prismstereo_calibration.photometry import PhotometryPart
 from prismstereo_calibration.schema_parts import (
     CovariancePart,
     LensPart,
@@ -38,6 +40,7 @@ from prismstereo_calibration.schema_parts import (
     view_of,
     view_part,
 )
+from prismstereo_calibration.static_mask import StaticMaskPart
 from prismstereo_hw.errors import RigError
 from prismstereo_hw.rig import RangeWish
 
@@ -87,6 +90,8 @@ class CalibrationFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
     temperature_c: Annotated[float, Meta(ge=-100, le=200)] | UnsetType = UNSET
     outputs: Annotated[tuple[OutputPart, ...], Meta(max_length=16)] | UnsetType = UNSET
     covariance: CovariancePart | UnsetType = UNSET
+    photometry: PhotometryPart | UnsetType = UNSET
+    mask: StaticMaskPart | UnsetType = UNSET
     sha256: Annotated[str, Meta(pattern="^[0-9a-f]{64}$")] | UnsetType = UNSET
 
 
@@ -134,6 +139,8 @@ def to_file(calibration: Calibration) -> CalibrationFile:
         temperature_c=UNSET if calibration.temperature_c is None else float(calibration.temperature_c),
         outputs=tuple(map(output_part, calibration.outputs)) or UNSET,
         covariance=UNSET if calibration.uncertainty is None else covariance_part(calibration.uncertainty),
+        photometry=UNSET if calibration.photometry is None else photometry.part_of(calibration.photometry),
+        mask=UNSET if calibration.mask is None else static_mask.part_of(calibration.mask),
     )
     content = replace(content, **lengths)
     return replace(content, sha256=_sha256(content))
@@ -188,6 +195,8 @@ def from_file(content: CalibrationFile) -> Calibration:
         temperature_c=None if content.temperature_c is UNSET else content.temperature_c,
         uncertainty=None if content.covariance is UNSET else uncertainty_of(content.covariance),
         outputs=() if content.outputs is UNSET else tuple(map(output_of, content.outputs)),
+        photometry=None if content.photometry is UNSET else photometry.of_part(content.photometry),
+        mask=None if content.mask is UNSET else static_mask.of_part(content.mask),
     )
 
 
@@ -225,6 +234,8 @@ def _require_head(text: bytes) -> None:
     if text.startswith(b"\xef\xbb\xbf"):
         raise CalibrationError("it begins with a byte order mark: save it as plain UTF-8")
     schema = _head_decoder.decode(text).schema
+    if schema.startswith("prismstereo-rectification/"):
+        raise CalibrationError("it is a rectification from a scene, which has no scale: calibrate with a board")
     if schema != SCHEMA:
         raise CalibrationError(f"schema is {schema!r}, but only {SCHEMA!r} is read here: calibrate again")
 

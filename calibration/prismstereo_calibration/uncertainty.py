@@ -49,4 +49,4 @@ class Uncertainty:
     def along(self, gradient: Array) -> Array:
         """Return one standard deviation (...) of something that moves with the numbers as `gradient` (..., 24) says."""
         variance = np.einsum("...i,ij,...j->...", gradient, self.covariance, gradient)
-        return np.sqrt(np.maximum(variance, 0.0))
+        return np.asarray(np.sqrt(np.maximum(variance, 0.0)))

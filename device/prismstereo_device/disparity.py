@@ -20,10 +20,16 @@ FRACTION = 16  # fixed-point steps per pixel inside matchers and on the wire
 
 @dataclass(frozen=True, slots=True)
 class DisparityMap:
-    """Disparity of the left view, (height, width) float32 pixels, NaN where unmatched, and the window it was sought in."""
+    """Disparity of the left view, (height, width) float32 pixels, NaN where unmatched, and the window it was sought in.
+
+    `confidence` (height, width) uint8: how clearly the match beats the second best, 0 (unmatched) to 255; None where the
+    matcher does not tell. `reasons` (height, width) uint8: a `Reason` for every pixel; None where nobody asked.
+    """
 
     disparity_px: NDArray[np.float32]
     window: DisparityWindow
+    confidence: NDArray[np.uint8] | None = None
+    reasons: NDArray[np.uint8] | None = None
 
     @property
     def valid(self) -> NDArray[np.bool_]:

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any, Generic, TypeVar
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from prismstereo_calibration.rectification import Rectification
+from prismstereo_calibration.remapping import Remapping
 from prismstereo_calibration.window import DisparityWindow
 from prismstereo_device.split import StereoPair
 from prismstereo_hw.errors import ImageError
 
 __all__ = ["RectifiedPair", "Rectifier"]
+
+Made = TypeVar("Made", bound=Remapping[Any])  # each kind of rectification asks for its own kind of side
 
 _NOWHERE = -16.0  # a source pixel far enough outside to be black
 _RIM = 7  # a matching window at the rim of a view would reach over what is not there: half of it is not seen
@@ -55,10 +58,10 @@ class _Maps:
         return np.asarray(cv2.remap(pixels, self.columns, self.rows, cv2.INTER_LINEAR), np.uint8)
 
 
-class Rectifier:
-    """Turns stereo pairs of one calibration into rectified pairs."""
+class Rectifier(Generic[Made]):
+    """Turns stereo pairs of one unit into rectified pairs, by a rectification with or without a scale."""
 
-    def __init__(self, rectification: Rectification) -> None:
+    def __init__(self, rectification: Made) -> None:
         self.rectification = rectification
         self._left = _Maps.of(rectification.sources(rectification.left))
         self._right = _Maps.of(rectification.sources(rectification.right))

@@ -10,7 +10,7 @@ from typing import overload
 
 import numpy as np
 
-from prismstereo_calibration.detection import NamedFrame
+from prismstereo_calibration.boards.detection import NamedFrame
 from prismstereo_hw.errors import ImageError, UsageError
 from prismstereo_hw.files import read_picture
 from prismstereo_hw.frame import RawFrame

@@ -2,7 +2,8 @@
 
 session.toml             rig, frame sizes and rate, what is present
 video/000000.png ...     raw frames                     stills/000000.png ...   full-sensor stills
-boards/000000.png ...    calibration board views        background/video.png    the scene without its objects
+boards/000000.png ...    calibration board views        boards_still/000000.png ...  the same poses, by number, as stills
+background/video.png     the scene without its objects
 timestamps.csv           kind, index, microseconds at mid-exposure
 calibration.json         if there is one
 truth/lens.toml          true lens and pose of both views' pinholes
@@ -20,7 +21,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Literal, get_args
 
 import cv2
 import msgspec
@@ -38,7 +39,7 @@ from prismstereo_hw.twin import Truth
 
 __all__ = ["Kind", "Session", "SessionInfo", "SessionWriter"]
 
-Kind = Literal["video", "stills", "boards"]
+Kind = Literal["video", "stills", "boards", "boards_still"]
 _MOST_BYTES = 1024 * 1024
 _NUMBER = re.compile(r"[0-9]{1,12}")
 
@@ -55,6 +56,7 @@ class SessionInfo(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     video_frames: int = 0
     still_frames: int = 0
     board_frames: int = 0
+    board_still_frames: int = 0
     board: str = ""  # as the calibrate verb takes it, e.g. chessboard:9x7
     square_mm: float = 0.0
     truth: bool = False
@@ -88,7 +90,12 @@ class Session:
         found = [
             p for p in (self.folder / kind).glob("*") if p.suffix in (".png", ".jpg") and _NUMBER.fullmatch(p.stem)
         ]
-        counts = {"video": self.info.video_frames, "stills": self.info.still_frames, "boards": self.info.board_frames}
+        counts: dict[Kind, int] = {
+            "video": self.info.video_frames,
+            "stills": self.info.still_frames,
+            "boards": self.info.board_frames,
+            "boards_still": self.info.board_still_frames,
+        }
         if len(found) < counts[kind]:
             raise SessionError(
                 f"{self.folder / kind} holds {len(found)} of the {counts[kind]} pictures that session.toml counts: "
@@ -164,13 +171,13 @@ class SessionWriter:
 
     def __init__(self, folder: str | Path, rig: Rig, scene: str = "", standing: Rig | None = None) -> None:
         self.folder = Path(folder)
-        if any((self.folder / part).exists() for part in ("session.toml", "video", "stills", "boards", "truth")):
+        if any((self.folder / part).exists() for part in ("session.toml", *get_args(Kind), "truth")):
             raise DataError(
                 f"{self.folder} already holds a session, or half of one: give another folder, or remove that one first"
             )
         self._rig, self._scene, self._standing = rig, scene, standing or rig
         self._stamps: list[tuple[str, int, int]] = []
-        self._counts: dict[Kind, int] = {"video": 0, "stills": 0, "boards": 0}
+        self._counts: dict[Kind, int] = dict.fromkeys(get_args(Kind), 0)
         self._truth = False
 
     def add(self, kind: Kind, frame: RawFrame) -> Path:
@@ -210,11 +217,15 @@ class SessionWriter:
             video_frames=self._counts["video"],
             still_frames=self._counts["stills"],
             board_frames=self._counts["boards"],
+            board_still_frames=self._counts["boards_still"],
             board=board,
             square_mm=square_mm,
             truth=self._truth,
         )
-        write_whole(self.folder / "session.toml", tomli_w.dumps(msgspec.to_builtins(info)).encode())
+        content = msgspec.to_builtins(info)
+        if not info.board_still_frames:
+            del content["board_still_frames"]  # a session without them can be read by versions that do not know them
+        write_whole(self.folder / "session.toml", tomli_w.dumps(content).encode())
         return info
 
 

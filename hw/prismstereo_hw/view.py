@@ -10,7 +10,8 @@ plus the corner of its rectangle, so an ordinary view has the coordinates of the
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Literal
+from pathlib import Path
+from typing import Any, Literal
 
 import msgspec
 import numpy as np
@@ -19,7 +20,9 @@ from numpy.typing import NDArray
 from prismstereo_hw.errors import RigError, UsageError
 from prismstereo_hw.lens import Lens
 
-__all__ = ["LAYOUTS", "Side", "View", "layout"]
+__all__ = ["LAYOUTS", "Side", "View", "layout", "read_layout"]
+
+_MAX_FILE_BYTES = 64 * 1024
 
 Side = Literal["left", "right"]
 
@@ -142,8 +145,50 @@ LAYOUTS: dict[str, tuple[View, View]] = {  # name -> (left view, right view)
 }
 
 
-def layout(name: str) -> tuple[View, View]:
-    """Return the left and the right view of a layout by name; `UsageError` lists the names there are."""
-    if name not in LAYOUTS:
-        raise UsageError(f"there is no layout {name!r}: choose one of {', '.join(LAYOUTS)}, or give a rig with --rig")
-    return LAYOUTS[name]
+def layout(name: str | Path) -> tuple[View, View]:
+    """Return the left and the right view of a layout, by name or from a layout file (see `read_layout`).
+
+    `UsageError` lists the names there are.
+    """
+    if str(name) in LAYOUTS:
+        return LAYOUTS[str(name)]
+    if Path(name).suffix.lower() == ".toml":
+        left, right = read_layout(name)[:2]
+        return left, right
+    raise UsageError(
+        f"there is no layout {str(name)!r}: choose one of {', '.join(LAYOUTS)}, name a layout file (TOML), or give a rig with "
+        "--rig"
+    )
+
+
+def read_layout(path: str | Path) -> tuple[View, ...]:
+    """Read where the views lie from a TOML file: a table [left], a table [right], and one more for every further view.
+
+    Each table has the fields of `View`. Returned are left, right, and the others in the order of the file. `UsageError` for a
+    file that cannot be read, `RigError` naming the table and the field for what is wrong in it.
+    """
+    path = Path(path)
+    try:
+        with path.open("rb") as file:
+            text = file.read(_MAX_FILE_BYTES + 1)
+        if len(text) > _MAX_FILE_BYTES:
+            raise UsageError(f"{path} has more than {_MAX_FILE_BYTES} bytes: a layout file has a few lines")
+        tables = msgspec.toml.decode(text.decode("utf-8-sig"), type=dict[str, dict[str, Any]])
+    except OSError as error:
+        raise UsageError(f"{path} cannot be read: {error.strerror}: name a layout file (TOML)") from error
+    except msgspec.ValidationError as error:
+        raise RigError(f"{path} is not a layout: {error}: give a table for each view, [left] and [right]") from error
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise RigError(f"{path} is not TOML: {error}") from error
+    for side in ("left", "right"):
+        if side not in tables:
+            raise RigError(f"{path} has no table [{side}]: give left, top, width and height of both views")
+    names = ["left", "right", *(name for name in tables if name not in ("left", "right"))]
+    return tuple(_view(tables[name], f"{path}: [{name}]") for name in names)
+
+
+def _view(table: dict[str, Any], origin: str) -> View:
+    try:
+        return msgspec.convert(table, View)
+    except (msgspec.ValidationError, RigError) as error:
+        raise RigError(f"{origin}: {error}") from error

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from prismstereo_calibration.board import Board
-from prismstereo_calibration.detection import NamedFrame
+from prismstereo_calibration.boards.board import Board
+from prismstereo_calibration.boards.detection import NamedFrame
 from prismstereo_hw.optics.unfold import fold
 from prismstereo_hw.rig import Rig
 from prismstereo_hw.scene import Scene, board_poses

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from prismstereo_calibration.board import Board
+from prismstereo_calibration.boards.board import Board
 from prismstereo_hw.errors import UsageError
 
 

@@ -11,10 +11,11 @@ import pytest
 from numpy.typing import NDArray
 
 from calibration.drawn_boards import DrawnBoards, drawn_boards
-from prismstereo_calibration.board import Board
-from prismstereo_calibration.corners import Refusal, agree
-from prismstereo_calibration.detect import detect, find_corners
-from prismstereo_calibration.detection import NamedFrame
+from prismstereo_calibration.boards.board import Board
+from prismstereo_calibration.boards.chessboard import agree
+from prismstereo_calibration.boards.corners import Refusal
+from prismstereo_calibration.boards.detect import detect, find_corners
+from prismstereo_calibration.boards.detection import NamedFrame
 from prismstereo_calibration.errors import CalibrationError
 from prismstereo_hw.rig import Rig
 from prismstereo_hw.view import View, layout

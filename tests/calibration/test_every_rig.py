@@ -8,11 +8,11 @@ import msgspec
 import numpy as np
 import pytest
 
-from prismstereo_calibration.board import Board
-from prismstereo_calibration.detect import detect
-from prismstereo_calibration.detection import NamedFrame
+from prismstereo_calibration.boards.board import Board
+from prismstereo_calibration.boards.detect import detect
+from prismstereo_calibration.boards.detection import NamedFrame
 from prismstereo_calibration.rectification import rectification
-from prismstereo_calibration.solve import Solution, solve
+from prismstereo_calibration.solving.solve import Solution, solve
 from prismstereo_calibration.truth import true_disparity
 from prismstereo_device.pipeline import Pipeline
 from prismstereo_hw.rig import LITERATURE, Mode, Rig

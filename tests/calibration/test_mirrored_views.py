@@ -15,12 +15,12 @@ import pytest
 from numpy.typing import NDArray
 
 from calibration.traced_boards import SQUARE_MM, traced_detection
-from prismstereo_calibration import one_lens
-from prismstereo_calibration.board import Board
-from prismstereo_calibration.detection import Detection, Sighting
-from prismstereo_calibration.fit import Start, fit_frames
-from prismstereo_calibration.quality import judge
-from prismstereo_calibration.solve import solve
+from prismstereo_calibration.boards.board import Board
+from prismstereo_calibration.boards.detection import Detection, Sighting
+from prismstereo_calibration.judging.quality import judge
+from prismstereo_calibration.solving import one_lens
+from prismstereo_calibration.solving.fit import Start, fit_frames
+from prismstereo_calibration.solving.solve import solve
 from prismstereo_hw.lens import Lens
 from prismstereo_hw.rig import Rig
 from prismstereo_hw.view import View

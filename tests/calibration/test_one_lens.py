@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 
 from calibration.traced_boards import PRISM_RIGS, SQUARE_MM, flawed, paraxial_baseline_mm, tipped, traced_detection
-from prismstereo_calibration.board import Board
-from prismstereo_calibration.detection import Detection, Sighting
+from prismstereo_calibration.boards.board import Board
+from prismstereo_calibration.boards.detection import Detection, Sighting
 from prismstereo_calibration.errors import CalibrationError
-from prismstereo_calibration.quality import judge
-from prismstereo_calibration.solve import Options, Solution, solve
+from prismstereo_calibration.judging.quality import judge
+from prismstereo_calibration.solving.solve import Options, Solution, solve
 from prismstereo_hw.errors import UsageError
 from prismstereo_hw.rig import RangeWish, Rig
 from prismstereo_hw.view import View
@@ -132,10 +132,7 @@ def test_the_stated_sigmas_are_those_of_repeated_calibrations(oak: Rig) -> None:
     noise = np.random.default_rng(9)
     solutions = []
     for _ in range(20):
-        pairs = tuple(
-            replace(pair, pixels=pair.pixels + noise.normal(0, 0.2, (2, 63, 2)))
-            for pair in clean.sightings
-        )
+        pairs = tuple(replace(pair, pixels=pair.pixels + noise.normal(0, 0.2, (2, 63, 2))) for pair in clean.sightings)
         solutions.append(solve(replace(clean, sightings=pairs), BOARD, rig=oak))
     for said, values in (
         (solutions[0].focal_sigma_px, [one.calibration.left.lens.fx_px for one in solutions]),

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from calibration.traced_boards import PRISM_RIGS, SQUARE_MM, traced_detection
-from prismstereo_calibration.board import Board
-from prismstereo_calibration.detection import Detection, Rejection, Sighting
+from prismstereo_calibration.boards.board import Board
+from prismstereo_calibration.boards.detection import Detection, Rejection, Sighting
 from prismstereo_calibration.errors import CalibrationError
 from prismstereo_calibration.model import Model
-from prismstereo_calibration.solve import solve
+from prismstereo_calibration.solving.solve import solve
 from prismstereo_hw.rig import Rig
 
 BOARD = Board(9, 7, SQUARE_MM)

@@ -7,9 +7,9 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from prismstereo_calibration.arrow import Linearised, minimise
-from prismstereo_calibration.poses import angle_deg, rotation, rotations
-from prismstereo_calibration.projection import lens_of, numbers_of, project
+from prismstereo_calibration.solving.arrow import Linearised, minimise
+from prismstereo_calibration.solving.poses import angle_deg, rotation, rotations
+from prismstereo_calibration.solving.projection import lens_of, numbers_of, project
 
 NUMBERS = np.array([900.0, 905.0, 640.0, 350.0, -0.06, 0.03, 1e-3, -2e-3, 0.01])
 POINTS = np.random.default_rng(4).uniform([-150, -150, 300], [150, 150, 600], (40, 3))

@@ -13,13 +13,13 @@ import cv2
 import numpy as np
 import pytest
 
-from prismstereo_calibration.board import Board
-from prismstereo_calibration.detect import detect
-from prismstereo_calibration.detection import Detection, NamedFrame
+from prismstereo_calibration.boards.board import Board
+from prismstereo_calibration.boards.detect import detect
+from prismstereo_calibration.boards.detection import Detection, NamedFrame
 from prismstereo_calibration.errors import CalibrationError
-from prismstereo_calibration.quality import judge
+from prismstereo_calibration.judging.quality import judge
 from prismstereo_calibration.rectification import rectification
-from prismstereo_calibration.solve import solve
+from prismstereo_calibration.solving.solve import Options, solve
 from prismstereo_hw.view import layout
 
 BOARD = Board(9, 6)
@@ -85,7 +85,7 @@ def test_opencv_pairs_solve_to_their_known_baseline(data: Path) -> None:
 
 def test_real_frames_agree_with_opencvs_own_calibration(data: Path) -> None:
     detection = stereopi(data)
-    solution = solve(detection, BOARD)
+    solution = solve(detection, BOARD, options=Options(warped=False))
     left, right = solution.calibration.left.lens, solution.calibration.right.lens
     pixels = detection.pixels().astype(np.float32)
     rms, _, _, _, _, _, t, *_ = cv2.stereoCalibrate(

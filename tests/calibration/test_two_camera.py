@@ -11,11 +11,11 @@ import pytest
 from numpy.typing import NDArray
 
 from calibration.traced_boards import SQUARE_MM, flawed, traced_detection
-from prismstereo_calibration.board import Board
+from prismstereo_calibration.boards.board import Board
+from prismstereo_calibration.boards.detection import Detection, Sighting
 from prismstereo_calibration.camera import Camera
-from prismstereo_calibration.detection import Detection, Sighting
 from prismstereo_calibration.errors import CalibrationError
-from prismstereo_calibration.solve import solve
+from prismstereo_calibration.solving.solve import solve
 from prismstereo_hw.lens import Lens
 from prismstereo_hw.rig import Rig
 from prismstereo_hw.view import LAYOUTS, View, layout

@@ -14,8 +14,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from prismstereo_calibration.board import Board
-from prismstereo_calibration.detection import Detection, Sighting
+from prismstereo_calibration.boards.board import Board
+from prismstereo_calibration.boards.detection import Detection, Sighting
 from prismstereo_hw.optics.trace import view_fates
 from prismstereo_hw.optics.unfold import fold
 from prismstereo_hw.rig import Rig
@@ -85,7 +85,7 @@ def traced_detection(
         centre_z = random.uniform(near, far)
         reach = 0.25 * centre_z
         centre = np.array([random.uniform(-reach, reach), random.uniform(-reach, reach), centre_z])
-        points = flat @ _turn(random, tilt_deg).T + centre
+        points = flat @ turn(random, tilt_deg).T + centre
         left, right = (view.pixels(points) for view in views)
         if np.isnan(left).any() or np.isnan(right).any():
             continue
@@ -97,7 +97,7 @@ def traced_detection(
     raise AssertionError(f"only {len(pairs)} of {poses} boards fit the common field of {rig.name}")
 
 
-def _turn(random: np.random.Generator, tilt_deg: float) -> Array:
+def turn(random: np.random.Generator, tilt_deg: float) -> Array:
     """A tilt about a random axis in the board's plane, then a small turn in the picture."""
     axis, tilt = random.uniform(0, 2 * math.pi), math.radians(random.uniform(0, tilt_deg))
     spin = random.uniform(-0.2, 0.2)

@@ -14,7 +14,8 @@ from device.shifted_noise import grey, noise
 from prismstereo_calibration.rectification import Rectification
 from prismstereo_calibration.window import DisparityWindow
 from prismstereo_device.disparity import DisparityMap
-from prismstereo_device.match import DEFAULT, MATCHERS, Matcher, create
+from prismstereo_device.match import DEFAULT, MATCHERS, create
+from prismstereo_device.match.base import Found, Matcher, Search
 from prismstereo_device.match.opencv import SgbmMatcher
 from prismstereo_device.rectify import RectifiedPair, Rectifier
 from prismstereo_device.split import split
@@ -258,8 +259,8 @@ def test_matchers_are_made_by_name() -> None:
 class _Liar(Matcher):
     """Claims disparity 7 everywhere."""
 
-    def disparity(self, left: np.ndarray, right: np.ndarray, labels: int) -> np.ndarray:
-        return np.full(left.shape, 7.0, np.float32)
+    def search(self, left: np.ndarray, right: np.ndarray, search: Search) -> Found:
+        return Found(np.full(left.shape, 7.0, np.float32))
 
 
 def test_whatever_a_matcher_claims_partners_outside_the_picture_are_dropped() -> None:

@@ -11,7 +11,7 @@ import pytest
 
 from prismstereo_calibration.errors import CalibrationError
 from prismstereo_calibration.model import Calibration
-from prismstereo_device.match.base import Matcher
+from prismstereo_device.match.base import Found, Matcher, Search
 from prismstereo_device.match.opencv import SgbmMatcher
 from prismstereo_device.pipeline import Pipeline
 from prismstereo_hw.errors import UsageError
@@ -71,8 +71,8 @@ def test_colour_frames_are_processed_like_grey_ones(oak: Rig, rng: np.random.Gen
     class Sum(Matcher):
         """Finds the grey levels themselves."""
 
-        def disparity(self, left: np.ndarray, right: np.ndarray, labels: int) -> np.ndarray:
-            return left.astype(np.float32) / 255
+        def search(self, left: np.ndarray, right: np.ndarray, search: Search) -> Found:
+            return Found(left.astype(np.float32) / 255)
 
     grey = rng.integers(0, 256, (720, 1280), np.uint8)
     pipeline = Pipeline(Calibration.nominal(oak), Sum())

@@ -35,6 +35,23 @@ def test_stills_are_full_frames_at_irregular_instants_a_second_apart(little: Pat
     assert len(set(gaps)) == len(gaps)
 
 
+def test_board_stills_show_the_first_poses_again_finer(little: Path, tmp_path: Path) -> None:
+    result = result_of("simulate", little, "--frames", 0, "--boards", 2, "--board-stills", 1, "-o", tmp_path / "s")
+    assert (result["board_frames"], result["board_still_frames"]) == (2, 1)
+
+    session = Session.open(tmp_path / "s")
+    board, still = (next(session.frames(kind)).pixels for kind in ("boards", "boards_still"))
+    assert (board.shape, still.shape) == ((180, 320), (480, 640))
+    middle = still[60:-60].reshape(180, 2, 320, 2).mean(axis=(1, 3))  # twice as fine, a third taller
+    assert np.corrcoef(board.ravel(), middle.ravel())[0, 1] > 0.98
+
+
+def test_more_board_stills_than_boards_are_refused(little: Path, tmp_path: Path) -> None:
+    told = complaint_of(2, "simulate", little, "--boards", 1, "--board-stills", 2, "-o", tmp_path / "s")
+    assert "--board-stills 2 of --boards 1" in told
+    assert not (tmp_path / "s").exists()
+
+
 def test_exposure_gain_noise_pupil_and_motion_reach_the_sensor(little: Path, tmp_path: Path) -> None:
     common = ("simulate", little, "--scene", "plane:700", "--frames", 1, "--noise", 0)
     options = {

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -52,6 +53,27 @@ def test_frames_come_back_in_order_with_their_times(whole: Path, twin: Twin) -> 
         assert frame.timestamp_us == original.timestamp_us
     board = next(Session.open(whole).frames("boards"))
     assert (board.index, board.timestamp_us) == (7, round(7e6 / 30))
+
+
+def test_board_stills_go_with_the_board_views_by_their_number(tmp_path: Path, small: Rig, twin: Twin) -> None:
+    writer = SessionWriter(tmp_path / "s", small)
+    for kind, index in (("boards", 0), ("boards", 1), ("boards_still", 1)):
+        writer.add(kind, replace(twin.frame(0), index=index, timestamp_us=10 * index + len(kind)))
+    writer.finish()
+
+    session = Session.open(tmp_path / "s")
+    assert (session.info.board_frames, session.info.board_still_frames) == (2, 1)
+    assert [path.name for path in session.paths("boards")] == ["000000.png", "000001.png"]
+    assert [path.name for path in session.paths("boards_still")] == ["000001.png"]
+    assert next(session.frames("boards_still")).timestamp_us == 22
+    session.paths("boards_still")[0].unlink()
+    with pytest.raises(SessionError, match="boards_still holds 0 of the 1 pictures"):
+        session.paths("boards_still")
+
+
+def test_a_session_without_board_stills_says_nothing_that_older_readers_do_not_know(whole: Path) -> None:
+    assert "board_still" not in (whole / "session.toml").read_text()
+    assert Session.open(whole).paths("boards_still") == []
 
 
 def test_the_truth_comes_back(whole: Path, twin: Twin) -> None:

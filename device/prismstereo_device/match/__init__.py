@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from prismstereo_device.match.base import Matcher
+from prismstereo_device.match.settings import MatchSettings
 from prismstereo_hw.errors import UsageError
 
-__all__ = ["DEFAULT", "MATCHERS", "Matcher", "create"]
+__all__ = ["DEFAULT", "MATCHERS", "MatchSettings", "Matcher", "create"]
 
 MATCHERS = {"sgbm": "OpenCV's semi-global matcher, three-way form, checked from the right view as well"}
 DEFAULT = "sgbm"
 
 
-def create(name: str = DEFAULT) -> Matcher:
+def create(name: str = DEFAULT, settings: MatchSettings | None = None) -> Matcher:
     """Make a matcher by name; `UsageError` lists the names there are."""
+    settings = settings or MatchSettings()
     if name == "sgbm":
         from prismstereo_device.match.opencv import SgbmMatcher
 
-        return SgbmMatcher()
+        return SgbmMatcher(settings)
     raise UsageError(f"there is no matcher {name!r}: choose one of {', '.join(MATCHERS)}")

@@ -1,37 +1,118 @@
-"""What every matcher is, and the checks and masks that all of them share."""
+"""What every matcher is, and the checks, masks and settings that all of them share."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from prismstereo_device.disparity import DisparityMap
+from prismstereo_device.match.settings import MatchSettings
+from prismstereo_device.reasons import Reason
 from prismstereo_device.rectify import RectifiedPair
 from prismstereo_hw.errors import ImageError, UsageError
 
-__all__ = ["Matcher"]
+__all__ = ["Found", "Matcher", "Search"]
 
 _MOST_LABELS = 1024
 _LARGEST_SIDE_PX = 16384
+Grey = NDArray[np.uint8]
+_AS_USUAL = MatchSettings()
+
+
+@dataclass(frozen=True, slots=True)
+class Search:
+    """What a matcher is to do: disparities `first` .. `labels` - 1 of checked pictures, with so many threads.
+
+    `hint` is the last map of a video (height, width) float32, NaN where unmatched, or None; it may help, never harm.
+    """
+
+    labels: int
+    first: int = 0
+    threads: int = 2
+    hint: NDArray[np.float32] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """What a matcher found: disparity (height, width) float32 pixels, NaN where unmatched.
+
+    `confidence` (height, width) uint8 where the matcher tells, and `reasons` (height, width) uint8, see `reasons.Reason`.
+    """
+
+    disparity_px: NDArray[np.float32]
+    confidence: NDArray[np.uint8] | None = None
+    reasons: NDArray[np.uint8] | None = None
 
 
 class Matcher(ABC):
-    """Finds disparities 0 .. labels - 1 of the left picture of a rectified pair."""
+    """Finds disparities of the left picture of a rectified pair."""
 
-    def match(self, pair: RectifiedPair) -> DisparityMap:
+    def __init__(self, settings: MatchSettings = _AS_USUAL) -> None:
+        self.settings = settings
+
+    def match(self, pair: RectifiedPair, hint: DisparityMap | None = None) -> DisparityMap:
         """Match a pair: (height, width) float32 pixels, NaN where unmatched.
 
-        Nothing is matched outside of what both views show. `ImageError` for pictures that do not belong together.
+        Nothing is matched outside of what both views show, nor outside of the region. `hint` is the map of the frame before.
+        `ImageError` for pictures that do not belong together, `UsageError` for a search that cannot be.
         """
         _check(pair)
-        found = self.disparity(pair.left, pair.right, pair.window.labels)
-        return DisparityMap(_within(found, pair), pair.window)
+        region, settings = self._region(pair), self.settings
+        if settings.first_px >= pair.window.labels:
+            raise UsageError(
+                f"the search begins at {settings.first_px}, but the range has {pair.window.labels} labels: begin below"
+            )
+        before = None if hint is None or hint.disparity_px.shape != pair.left.shape else hint.disparity_px
+        y, height = region[1], region[3]
+        rows = slice(y, y + height)  # all columns: a match needs the right picture to the left of the region
+        found = self.search(
+            np.ascontiguousarray(pair.left[rows]),
+            np.ascontiguousarray(pair.right[rows]),
+            Search(pair.window.labels, settings.first_px, settings.threads, None if before is None else before[rows]),
+        )
+        return self._placed(pair, region, found)
 
     @abstractmethod
-    def disparity(self, left: NDArray[np.uint8], right: NDArray[np.uint8], labels: int) -> NDArray[np.float32]:
-        """Find the disparity of checked grey pictures (height, width): float32 pixels, NaN where unmatched."""
+    def search(self, left: Grey, right: Grey, search: Search) -> Found:
+        """Search checked grey pictures (height, width)."""
+
+    def _region(self, pair: RectifiedPair) -> tuple[int, int, int, int]:
+        height, width = pair.left.shape
+        if self.settings.region is None:
+            return 0, 0, width, height
+        x, y, w, h = self.settings.region
+        if x + w > width or y + h > height:
+            raise UsageError(
+                f"region {x},{y} {w}x{h} leaves the rectified picture of {width}x{height}: give one inside"
+            )
+        return x, y, w, h
+
+    def _placed(self, pair: RectifiedPair, region: tuple[int, int, int, int], found: Found) -> DisparityMap:
+        """Put what was found in the region's rows back, drop what lies outside, and round to the asked sub-pixel bits."""
+        x, y, w, h = region
+        rows, columns = slice(y, y + h), slice(x, x + w)
+        disparity = np.full(pair.left.shape, np.nan, np.float32)
+        disparity[rows, columns] = self._rounded(found.disparity_px[:, columns])
+        disparity = _within(disparity, pair)
+        unmatched = np.isnan(disparity)
+        confidence = None
+        if found.confidence is not None:
+            confidence = np.zeros(pair.left.shape, np.uint8)
+            confidence[rows, columns] = found.confidence[:, columns]
+            confidence[unmatched] = 0
+        reasons = None
+        if found.reasons is not None:
+            reasons = np.full(pair.left.shape, Reason.OUTSIDE, np.uint8)
+            reasons[rows, columns] = found.reasons[:, columns]
+            reasons = np.where(unmatched & (reasons == Reason.MATCHED), np.uint8(Reason.OUTSIDE), reasons)
+        return DisparityMap(disparity, pair.window, confidence, reasons)
+
+    def _rounded(self, disparity_px: NDArray[np.float32]) -> NDArray[np.float32]:
+        steps = np.float32(2**self.settings.subpixel_bits)
+        return np.asarray(np.rint(disparity_px * steps) / steps, np.float32)
 
 
 def _check(pair: RectifiedPair) -> None:

@@ -14,6 +14,7 @@ from prismstereo_hw.errors import UsageError
 
 if TYPE_CHECKING:
     from prismstereo_calibration.model import Calibration
+    from prismstereo_device.disparity import DisparityMap
     from prismstereo_device.pipeline import Pipeline
     from prismstereo_hw.frame import RawFrame
 
@@ -38,9 +39,11 @@ def command(
 ) -> None:  # fmt: skip
     """Turn RAW frames, or the video of a session folder, into depth.
 
-    Each frame gives NAME_disparity.pfm, NAME_depth.pfm, NAME_depth.png (the picture) and NAME.ply.
+    Each frame gives NAME_disparity.pfm, NAME_depth.pfm, NAME_depth.png (the picture) and NAME.ply. By a rectification from
+    a scene (`calibrate --from-scene`), which has no scale, only NAME_disparity.pfm and its picture NAME_disparity.png.
     """
     from prismstereo.depth import depth_of
+    from prismstereo_calibration.uncalibrated.store import is_scene_rectification
     from prismstereo_device.match import create
     from prismstereo_device.pipeline import Pipeline
 
@@ -48,6 +51,9 @@ def command(
     wish = parse_range(range_mm, labels or 128)
     if labels is not None and wish is None:
         raise UsageError("--max-disparity goes with --range-mm: the two decide the depths together")
+    if calibration is not None and is_scene_rectification(calibration):
+        _without_scale(calibration, inputs, matcher, out, wished=wish is not None, as_json=as_json)
+        return
     pipeline = Pipeline(_calibration(calibration, inputs), create(matcher), wish=wish, labels=labels)
     suffix = "mm" if pipeline.calibration.unit == "mm" else "squares"
     results: list[dict[str, object]] = []
@@ -55,21 +61,48 @@ def command(
     for name, frame in with_progress(inputs.frames, inputs.count, "depth"):
         found = depth_of(pipeline, frame)
         found.write(out, name)
-        results.append(
-            {
-                "file": name,
-                "milliseconds": found.milliseconds,
-                "density": found.disparity.density,
-                "valid_pixels": int(found.disparity.valid.sum()),
-                "points": len(found.cloud.points),
-                f"median_depth_{suffix}": found.median_depth,
-            }
-        )
+        own = {"points": len(found.cloud.points), f"median_depth_{suffix}": found.median_depth}
+        results.append({**_matched(name, found.disparity, found.milliseconds), **own})
         share = 100 * found.disparity.density
         lines.append(f"{name}: {share:.1f} % matched, median depth {found.median_depth:.4g} {found.unit}, "
                      f"{found.milliseconds:.0f} ms")  # fmt: skip
     lines.append(f"wrote disparity, depth, picture and cloud of {len(results)} frames to {out}")
     say({"frames": results, "out": out, "matcher": matcher, **_window(pipeline, suffix)}, lines, as_json=as_json)
+
+
+def _without_scale(path: Path, inputs: _Inputs, matcher: str, out: Path, *, wished: bool, as_json: bool) -> None:
+    """Turn the frames into disparity by a rectification from a scene, and say that there is no depth."""
+    from prismstereo.scene_disparity import ScenePipeline
+    from prismstereo_calibration.uncalibrated.store import read
+    from prismstereo_device.match import create
+
+    if wished:
+        raise UsageError(
+            f"--range-mm: {path} is a rectification from a scene and has no scale, so there are no millimetres: calibrate with "
+            "a board"
+        )
+    made = read(path)
+    _require_rig(inputs.rig, made.rig or inputs.rig, path)
+    pipeline = ScenePipeline(made, create(matcher))
+    results: list[dict[str, object]] = []
+    lines: list[str] = []
+    for name, frame in with_progress(inputs.frames, inputs.count, "disparity"):
+        found = pipeline.process(frame)
+        found.write(out, name)
+        results.append(_matched(name, found.disparity, found.milliseconds))
+        lines.append(f"{name}: {100 * found.disparity.density:.1f} % matched, {found.milliseconds:.0f} ms")
+    lines.append(f"wrote disparity and picture of {len(results)} frames to {out}")
+    lines.append(
+        "no depth and no cloud: a rectification from a scene has no scale, calibrate with a board for millimetres"
+    )
+    labels = made.window.labels
+    result = {"frames": results, "out": out, "matcher": matcher, "unit": None, "labels": labels, "form": made.form}
+    say(result, lines, as_json=as_json)
+
+
+def _matched(name: str, disparity: DisparityMap, milliseconds: float) -> dict[str, object]:
+    valid = int(disparity.valid.sum())
+    return {"file": name, "milliseconds": milliseconds, "density": disparity.density, "valid_pixels": valid}
 
 
 def _window(pipeline: Pipeline, suffix: str) -> dict[str, object]:
@@ -116,16 +149,21 @@ def _inputs(raw: tuple[Path, ...], left: str | None, right: str | None) -> _Inpu
 
 
 def _calibration(path: Path | None, inputs: _Inputs) -> Calibration:
-    from prismstereo_calibration.errors import CalibrationError
     from prismstereo_calibration.store import read
 
     path = path or inputs.calibration
     if path is None:
         raise UsageError("depth needs to know the unit: give its calibration with --calibration FILE")
     calibration = read(path)
-    if inputs.rig is not None and inputs.rig != calibration.rig:
-        raise CalibrationError(
-            f"{path} is a calibration of {calibration.rig!r}, but the session was taken with {inputs.rig!r}: give the "
-            "calibration of the same rig"
-        )
+    _require_rig(inputs.rig, calibration.rig, path)
     return calibration
+
+
+def _require_rig(taken_with: str | None, made_for: str | None, path: Path) -> None:
+    from prismstereo_calibration.errors import CalibrationError
+
+    if taken_with is not None and taken_with != made_for:
+        raise CalibrationError(
+            f"{path} is a calibration of {made_for!r}, but the session was taken with {taken_with!r}: give the calibration of "
+            "the same rig"
+        )

@@ -15,7 +15,7 @@ import click
 from prismstereo_hw.errors import UsageError
 from prismstereo_hw.rig import RangeWish
 
-__all__ = ["RANGE_HELP", "json_option", "parse_range", "say", "with_progress"]
+__all__ = ["RANGE_HELP", "Ticker", "json_option", "parse_range", "say", "with_progress"]
 
 Item = TypeVar("Item")
 _QUIET_STEP_S = 2.0
@@ -61,6 +61,19 @@ def with_progress(items: Iterable[Item], total: int | None, label: str) -> Itera
         if count == total or time.monotonic() - spoken_s > _QUIET_STEP_S:
             spoken_s = time.monotonic()
             click.echo(f"{label}: {count}{f' of {total}' if total else ''}", err=True)
+
+
+class Ticker:
+    """Shows on stderr how far something is: a line every two seconds, and the last."""
+
+    def __init__(self, label: str) -> None:
+        self._label, self._spoken_s = label, 0.0
+
+    def __call__(self, done: int, total: int, name: str) -> None:
+        """Tell that so many of so many are done, and the name of the last."""
+        if done == total or time.monotonic() - self._spoken_s > _QUIET_STEP_S:
+            self._spoken_s = time.monotonic()
+            click.echo(f"{self._label}: {done} of {total} ({name})", err=True)
 
 
 def parse_range(text: str | None, labels: int) -> RangeWish | None:

@@ -11,12 +11,12 @@ from prismstereo.cli.output import json_option, say, with_progress
 from prismstereo_hw.errors import UsageError
 
 if TYPE_CHECKING:
-    from prismstereo_hw.rig import Rig
     from prismstereo_hw.sensor import SensorModel
     from prismstereo_hw.session import SessionInfo, SessionWriter
     from prismstereo_hw.twin import Twin
 
 _DEFOCUS_SAMPLES = 16
+_STILL_AFTER_US = 500_000  # a board at rest: the camera takes its time to change modes
 _COLUMNS, _ROWS = 9, 7  # inner corners of the simulated calibration board
 
 
@@ -37,6 +37,13 @@ _COLUMNS, _ROWS = 9, 7  # inner corners of the simulated calibration board
     help="Full-sensor stills, at irregular instants a second apart or more.",
 )
 @click.option("--boards", default=0, show_default=True, type=click.IntRange(0, 200), help="Calibration board views.")
+@click.option(
+    "--board-stills",
+    default=0,
+    show_default=True,
+    type=click.IntRange(0, 200),
+    help="The first so many board poses as stills too, to tie still and video together.",
+)
 @click.option(
     "--noise", default=1.0, show_default=True, type=click.FloatRange(0, 50), help="Read noise, grey levels at gain 1."
 )
@@ -79,9 +86,9 @@ _COLUMNS, _ROWS = 9, 7  # inner corners of the simulated calibration board
 @click.option("--seed", default=1, show_default=True, help="Makes textures, poses, still times and noise.")
 @json_option
 def command(
-    rig: str, scene: str, out: Path, frames: int, stills: int, boards: int, noise: float, sensor_noise: bool,
-    exposure_us: float, gain: float, motion_blur: int, pupil_samples: int, defocus: bool, rolling_shutter_us: float,
-    dust: int, drops: int, temperature_c: float, seed: int, as_json: bool,
+    rig: str, scene: str, out: Path, frames: int, stills: int, boards: int, board_stills: int, noise: float,
+    sensor_noise: bool, exposure_us: float, gain: float, motion_blur: int, pupil_samples: int, defocus: bool,
+    rolling_shutter_us: float, dust: int, drops: int, temperature_c: float, seed: int, as_json: bool,
 ) -> None:  # fmt: skip
     """Render a session of RIG before a scene: raw video, stills, board views, and the truth behind every frame."""
     from prismstereo_calibration.model import Calibration
@@ -95,6 +102,10 @@ def command(
 
     if not frames + stills + boards:
         raise UsageError("a session of nothing: ask for some --frames, --stills or --boards")
+    if board_stills > boards:
+        raise UsageError(
+            f"--board-stills {board_stills} of --boards {boards}: a still shows one of the board poses again"
+        )
     built = Rig.read(rig)
     sensor = _sensor(noise, exposure_us, gain, motion_blur, rolling_shutter_us, photons=sensor_noise)
     twin = Twin(
@@ -111,7 +122,7 @@ def command(
         writer.add("video", twin.frame(index))
         writer.add_truth(index, twin.truth(index))
     _add_stills(writer, twin, stills)
-    square_mm = _add_boards(writer, built, twin, boards)
+    square_mm = _add_boards(writer, twin, boards, board_stills)
     write(out / "calibration.json", Calibration.nominal(built))
     info = writer.finish(board=f"chessboard:{_COLUMNS}x{_ROWS}" if boards else "", square_mm=square_mm)
     _tell(out, info, as_json=as_json)
@@ -125,6 +136,7 @@ def _tell(out: Path, info: SessionInfo, *, as_json: bool) -> None:
             "video_frames": info.video_frames,
             "still_frames": info.still_frames,
             "board_frames": info.board_frames,
+            "board_still_frames": info.board_still_frames,
             "board": info.board,
             "square_mm": info.square_mm,
         },
@@ -168,16 +180,20 @@ def _add_stills(writer: SessionWriter, twin: Twin, count: int) -> None:
         writer.add("stills", camera.frame(index, timestamp_us=instant_us))
 
 
-def _add_boards(writer: SessionWriter, rig: Rig, twin: Twin, count: int) -> float:
-    """Render the board in seeded poses before a wall; return its square in mm, 0 without boards."""
+def _add_boards(writer: SessionWriter, twin: Twin, count: int, stills: int) -> float:
+    """Render the board in seeded poses before a wall, the first few as stills too; return its square in mm, 0 without."""
     from dataclasses import replace
 
     from prismstereo_hw.scene import Scene, board, board_poses, facing_plane
 
+    rig = twin.rig
     wall = facing_plane(rig, 3 * rig.range.near_mm, twin.seed).surfaces
     poses = board_poses(rig, count, twin.seed, columns=_COLUMNS, rows=_ROWS) if count else []
     for index, (square_mm, R, t) in enumerate(with_progress(poses, count, "boards") if count else ()):
         scene = Scene("board", (board(_COLUMNS, _ROWS, square_mm, R, t), *wall))
         shown = replace(twin, scene=scene, seed=twin.seed + 2 + index)
         writer.add("boards", shown.frame(index, timestamp_us=index * 1_000_000))
+        if index < stills:
+            taken = replace(shown, mode=rig.camera.still, seed=twin.seed + 2 + count + index)
+            writer.add("boards_still", taken.frame(index, timestamp_us=index * 1_000_000 + _STILL_AFTER_US))
     return poses[0][0] if poses else 0.0

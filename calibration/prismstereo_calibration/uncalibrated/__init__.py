@@ -1,0 +1,1 @@
+"""Rectification without a board: from points that both views of any scene show. No scale, no millimetres."""
