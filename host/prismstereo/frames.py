@@ -21,12 +21,15 @@ _SUFFIXES = {".png", ".jpg", ".jpeg", ".pgm", ".tif", ".tiff", ".bmp"}
 
 
 def expand(patterns: Sequence[str | Path]) -> list[Path]:
-    """Expand files, folders and patterns into picture files, in order; `UsageError` for what matches nothing."""
+    """Expand files, folders, sessions (their video) and patterns into picture files, in order; `UsageError` for no match."""
     files: list[Path] = []
     for pattern in patterns:
         path = Path(pattern)
         if path.is_dir():
-            found = sorted(file for file in path.iterdir() if file.suffix.lower() in _SUFFIXES)
+            folder = path / "video" if (path / "session.toml").is_file() else path  # a session: its raw frames
+            found = (
+                sorted(file for file in folder.iterdir() if file.suffix.lower() in _SUFFIXES) if folder.is_dir() else []
+            )
         elif path.exists():
             found = [path]
         else:
