@@ -8,7 +8,11 @@ from prismstereo_hw.errors import UsageError
 
 __all__ = ["DEFAULT", "MATCHERS", "MatchSettings", "Matcher", "create"]
 
-MATCHERS = {"sgbm": "OpenCV's semi-global matcher, three-way form, checked from the right view as well"}
+MATCHERS = {
+    "sgbm": "OpenCV's semi-global matcher, three-way form, checked from the right view as well",
+    "growing": "Growing Correspondence Seeds as published: sparse, sure, slow",
+    "growing-dense": "the same with weaker thresholds (tau 0.4, mu 0.05, beta 0.05)",
+}
 DEFAULT = "sgbm"
 
 
@@ -19,4 +23,9 @@ def create(name: str = DEFAULT, settings: MatchSettings | None = None) -> Matche
         from prismstereo_device.match.opencv import SgbmMatcher
 
         return SgbmMatcher(settings)
+    if name in ("growing", "growing-dense"):
+        from prismstereo_device.match.growing.matcher import GrowingMatcher
+        from prismstereo_device.match.growing.settings import PRESETS
+
+        return GrowingMatcher(settings, PRESETS["dense" if name == "growing-dense" else "published"])
     raise UsageError(f"there is no matcher {name!r}: choose one of {', '.join(MATCHERS)}")

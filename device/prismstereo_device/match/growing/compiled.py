@@ -1,0 +1,29 @@
+"""Compile a loop over bare arrays: no global lock, cached on disk where any folder can be written, in memory where none can.
+
+numba looks for a folder to write to when a function is decorated (NUMBA_CACHE_DIR, then __pycache__, then the user's cache) and
+raises when it finds none, as on a camera whose file system is read-only. There the loop is compiled once per start.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeVar, cast
+
+from numba import njit
+
+__all__ = ["compiled", "inlined"]
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+def compiled(function: F) -> F:
+    """Compile a function at its first call; a division by zero gives inf or NaN, as in numpy."""
+    try:
+        return cast("F", njit(nogil=True, cache=True, error_model="numpy")(function))
+    except RuntimeError:  # no folder to keep the machine code in
+        return cast("F", njit(nogil=True, error_model="numpy")(function))
+
+
+def inlined(function: F) -> F:
+    """Compile a function into the loops that call it: numbers it is given there become constants."""
+    return cast("F", njit(error_model="numpy", forceinline=True)(function))
