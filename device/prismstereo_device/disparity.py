@@ -23,13 +23,15 @@ class DisparityMap:
     """Disparity of the left view, (height, width) float32 pixels, NaN where unmatched, and the window it was sought in.
 
     `confidence` (height, width) uint8: how clearly the match beats the second best, 0 (unmatched) to 255; None where the
-    matcher does not tell. `reasons` (height, width) uint8: a `Reason` for every pixel; None where nobody asked.
+    matcher does not tell. `reasons` (height, width) uint8: a `Reason` for every pixel; None where nobody asked. `filled`
+    (height, width) bool: values that a filter put where nothing was matched; None where no filter did.
     """
 
     disparity_px: NDArray[np.float32]
     window: DisparityWindow
     confidence: NDArray[np.uint8] | None = None
     reasons: NDArray[np.uint8] | None = None
+    filled: NDArray[np.bool_] | None = None
 
     @property
     def valid(self) -> NDArray[np.bool_]:
@@ -38,8 +40,9 @@ class DisparityMap:
 
     @property
     def density(self) -> float:
-        """Share of matched pixels, 0..1."""
-        return float(np.count_nonzero(self.valid)) / self.disparity_px.size
+        """Share of matched pixels, 0..1; what was filled is not matched."""
+        matched = self.valid if self.filled is None else self.valid & ~self.filled
+        return float(np.count_nonzero(matched)) / self.disparity_px.size
 
     def depth(self) -> NDArray[np.float32]:
         """Depth along the rectified z axis in the calibration's unit (mm), NaN where unmatched."""

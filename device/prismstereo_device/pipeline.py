@@ -1,10 +1,12 @@
-"""The camera's work on one frame: split, rectify, match."""
+"""The camera's work on one frame: split, rectify, match, say why not, filter."""
 
 from __future__ import annotations
 
 from prismstereo_calibration.model import Calibration
 from prismstereo_calibration.rectification import rectification
+from prismstereo_calibration.static_mask import rectified as rectified_reasons
 from prismstereo_device.disparity import DisparityMap
+from prismstereo_device.filters import FilterChain, explained
 from prismstereo_device.match import DEFAULT, create
 from prismstereo_device.match.base import Matcher
 from prismstereo_device.rectify import Rectifier
@@ -16,7 +18,10 @@ __all__ = ["Pipeline"]
 
 
 class Pipeline:
-    """Raw frames in, disparity maps out; built for one calibration, range and matcher."""
+    """Raw frames in, disparity maps out; built for one calibration, range and matcher.
+
+    `filters` keep what they remember of earlier frames in here. With `explain` every unmatched pixel says why.
+    """
 
     def __init__(
         self,
@@ -25,10 +30,17 @@ class Pipeline:
         *,
         wish: RangeWish | None = None,
         labels: int | None = None,
+        filters: FilterChain | None = None,
+        explain: bool = False,
     ) -> None:
         self.calibration = calibration
-        self.rectifier = Rectifier(rectification(calibration, wish, labels))
+        made = rectification(calibration, wish, labels)
+        self.rectifier = Rectifier(made)
         self._matcher = create(DEFAULT) if matcher is None else matcher
+        self._filters = None if filters is None else filters.stream()
+        self._explain = explain
+        mask = calibration.mask
+        self._static = None if mask is None or not explain else rectified_reasons(mask, made, "left")
 
     def split(self, frame: RawFrame) -> StereoPair:
         """Cut a frame into its views; `CalibrationError` when it is not of this calibration's size or focus."""
@@ -36,8 +48,12 @@ class Pipeline:
         return split(frame, self.calibration.views)
 
     def disparity(self, pair: StereoPair) -> DisparityMap:
-        """Rectify and match one pair."""
-        return self._matcher.match(self.rectifier.rectify(pair))
+        """Rectify and match one pair; give unmatched pixels their reasons if that was asked for, and filter."""
+        rectified = self.rectifier.rectify(pair)
+        found = self._matcher.match(rectified)
+        if self._explain:
+            found = explained(found, rectified.left, rectified.right, rectified.left_seen, self._static)
+        return found if self._filters is None else self._filters.apply(found, rectified.left)
 
     def process(self, frame: RawFrame) -> DisparityMap:
         """Do the whole of it: the disparity map of one raw frame."""
