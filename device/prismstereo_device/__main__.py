@@ -18,6 +18,7 @@ from pathlib import Path
 from prismstereo_calibration import flash, schema
 from prismstereo_calibration.model import Calibration
 from prismstereo_device.camera import CameraSource
+from prismstereo_device.filters import PRESETS, chain
 from prismstereo_device.link import Link
 from prismstereo_device.match import DEFAULT, MATCHERS, create
 from prismstereo_device.pipeline import Pipeline
@@ -68,6 +69,9 @@ def _options(arguments: list[str] | None) -> argparse.Namespace:
     )
     matchers = "; ".join(f"{name}: {what}" for name, what in MATCHERS.items())
     parser.add_argument("--matcher", default=DEFAULT, help=matchers)
+    parser.add_argument(
+        "--filters", metavar="NAME|FILE", help=f"filters behind it: {', '.join(PRESETS)}, or a TOML file"
+    )
     parser.add_argument("--frames", type=_positive, metavar="N", help="stop after so many frames")
     parser.add_argument("--rate", type=float, metavar="HZ", help="at most so many frames a second")
     parser.add_argument("--lossless", action="store_true", help="wait for the host instead of dropping frames")
@@ -85,10 +89,11 @@ def _serve(options: argparse.Namespace) -> None:
     if options.rate is not None and not 0 < options.rate <= 1000:
         raise UsageError(f"--rate {options.rate:g}: give frames per second, above 0 and up to 1000")
     matcher = create(options.matcher)
+    filters = None if options.filters is None else chain(options.filters)
     sensor = open_sensor(options.sensor, frames=options.frames, rate_hz=options.rate)
     try:
         calibration = _calibration(options.calibration, sensor)
-        source = CameraSource(sensor, Pipeline(calibration, matcher))
+        source = CameraSource(sensor, Pipeline(calibration, matcher, filters=filters))
         identity = DeviceIdentity(uuid.getnode().to_bytes(8, "big"), secrets.randbits(32))
         with _link(options) as link:
             service = Service(source, link, identity, flash.pack(calibration), lossless=options.lossless)

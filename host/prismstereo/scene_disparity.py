@@ -10,6 +10,7 @@ from prismstereo.picture import depth_picture
 from prismstereo_calibration.errors import CalibrationError
 from prismstereo_calibration.uncalibrated.scene_rectification import SceneRectification
 from prismstereo_device.disparity import DisparityMap
+from prismstereo_device.filters import FilterChain
 from prismstereo_device.match import DEFAULT, create
 from prismstereo_device.match.base import Matcher
 from prismstereo_device.rectify import Rectifier
@@ -39,9 +40,12 @@ class SceneDisparity:
 class ScenePipeline:
     """Raw frames in, disparities out; built for one rectification and matcher."""
 
-    def __init__(self, rectification: SceneRectification, matcher: Matcher | None = None) -> None:
+    def __init__(
+        self, rectification: SceneRectification, matcher: Matcher | None = None, filters: FilterChain | None = None
+    ) -> None:
         self.rectifier = Rectifier(rectification)
         self._matcher = create(DEFAULT) if matcher is None else matcher
+        self._filters = None if filters is None else filters.stream()
 
     def process(self, frame: RawFrame) -> SceneDisparity:
         """Split, rectify and match one raw frame; `CalibrationError` when it is of another size than the rectification."""
@@ -53,5 +57,8 @@ class ScenePipeline:
                 "one for this mode, or capture in the other"
             )
         begin = time.perf_counter()
-        disparity = self._matcher.match(self.rectifier.rectify(split(frame, made.views)))
+        pair = self.rectifier.rectify(split(frame, made.views))
+        disparity = self._matcher.match(pair)
+        if self._filters is not None:
+            disparity = self._filters.apply(disparity, pair.left)
         return SceneDisparity(disparity, 1e3 * (time.perf_counter() - begin))

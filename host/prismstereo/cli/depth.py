@@ -9,12 +9,14 @@ from typing import TYPE_CHECKING
 
 import click
 
+from prismstereo.cli.matching import Matching, matching_options
 from prismstereo.cli.output import RANGE_HELP, json_option, parse_range, say, with_progress
 from prismstereo_hw.errors import UsageError
 
 if TYPE_CHECKING:
     from prismstereo_calibration.model import Calibration
     from prismstereo_device.disparity import DisparityMap
+    from prismstereo_device.filters import FilterChain
     from prismstereo_device.pipeline import Pipeline
     from prismstereo_hw.frame import RawFrame
 
@@ -28,13 +30,13 @@ if TYPE_CHECKING:
 )
 @click.option("--right", "right", metavar="PATTERN", help="Right pictures of two cameras, paired by number.")
 @click.option("--calibration", type=click.Path(path_type=Path), help="Calibration file; a session folder has its own.")
-@click.option("--matcher", default="sgbm", show_default=True, help="How to match.")
+@matching_options
 @click.option("--range-mm", "range_mm", metavar="A:Z", help=RANGE_HELP)
 @click.option("--max-disparity", "labels", type=click.IntRange(16, 1024), help="Search labels 0..N-1 with --range-mm.")
 @click.option("--out", "-o", required=True, type=click.Path(path_type=Path), help="Folder for the results.")
 @json_option
 def command(
-    raw: tuple[Path, ...], left: str | None, right: str | None, calibration: Path | None, matcher: str,
+    raw: tuple[Path, ...], left: str | None, right: str | None, calibration: Path | None, matching: Matching,
     range_mm: str | None, labels: int | None, out: Path, as_json: bool,
 ) -> None:  # fmt: skip
     """Turn RAW frames, or the video of a session folder, into depth.
@@ -44,17 +46,17 @@ def command(
     """
     from prismstereo.depth import depth_of
     from prismstereo_calibration.uncalibrated.store import is_scene_rectification
-    from prismstereo_device.match import create
     from prismstereo_device.pipeline import Pipeline
 
+    matcher, chain = matching.create(), _chain(matching)
     inputs = _inputs(raw, left, right)
     wish = parse_range(range_mm, labels or 128)
     if labels is not None and wish is None:
         raise UsageError("--max-disparity goes with --range-mm: the two decide the depths together")
     if calibration is not None and is_scene_rectification(calibration):
-        _without_scale(calibration, inputs, matcher, out, wished=wish is not None, as_json=as_json)
+        _without_scale(calibration, inputs, matching, out, wished=wish is not None, as_json=as_json)
         return
-    pipeline = Pipeline(_calibration(calibration, inputs), create(matcher), wish=wish, labels=labels)
+    pipeline = Pipeline(_calibration(calibration, inputs), matcher, wish=wish, labels=labels, filters=chain)
     suffix = "mm" if pipeline.calibration.unit == "mm" else "squares"
     results: list[dict[str, object]] = []
     lines: list[str] = []
@@ -67,14 +69,25 @@ def command(
         lines.append(f"{name}: {share:.1f} % matched, median depth {found.median_depth:.4g} {found.unit}, "
                      f"{found.milliseconds:.0f} ms")  # fmt: skip
     lines.append(f"wrote disparity, depth, picture and cloud of {len(results)} frames to {out}")
-    say({"frames": results, "out": out, "matcher": matcher, **_window(pipeline, suffix)}, lines, as_json=as_json)
+    say({"frames": results, "out": out, "matcher": matching.name, **_window(pipeline, suffix)}, lines, as_json=as_json)
 
 
-def _without_scale(path: Path, inputs: _Inputs, matcher: str, out: Path, *, wished: bool, as_json: bool) -> None:
+def _chain(matching: Matching) -> FilterChain | None:
+    """Read the filters that were asked for; `UsageError` for those that make the map smaller."""
+    from prismstereo_device.filters.decimate import Decimate
+
+    chain = matching.chain()
+    if chain is not None and any(isinstance(each, Decimate) for each in chain.filters):
+        raise UsageError(
+            "these filters decimate, but each disparity is to lie on a pixel of the rectified picture: leave decimate out"
+        )
+    return chain
+
+
+def _without_scale(path: Path, inputs: _Inputs, matching: Matching, out: Path, *, wished: bool, as_json: bool) -> None:
     """Turn the frames into disparity by a rectification from a scene, and say that there is no depth."""
     from prismstereo.scene_disparity import ScenePipeline
     from prismstereo_calibration.uncalibrated.store import read
-    from prismstereo_device.match import create
 
     if wished:
         raise UsageError(
@@ -83,7 +96,7 @@ def _without_scale(path: Path, inputs: _Inputs, matcher: str, out: Path, *, wish
         )
     made = read(path)
     _require_rig(inputs.rig, made.rig or inputs.rig, path)
-    pipeline = ScenePipeline(made, create(matcher))
+    pipeline = ScenePipeline(made, matching.create(), _chain(matching))
     results: list[dict[str, object]] = []
     lines: list[str] = []
     for name, frame in with_progress(inputs.frames, inputs.count, "disparity"):
@@ -96,7 +109,14 @@ def _without_scale(path: Path, inputs: _Inputs, matcher: str, out: Path, *, wish
         "no depth and no cloud: a rectification from a scene has no scale, calibrate with a board for millimetres"
     )
     labels = made.window.labels
-    result = {"frames": results, "out": out, "matcher": matcher, "unit": None, "labels": labels, "form": made.form}
+    result = {
+        "frames": results,
+        "out": out,
+        "matcher": matching.name,
+        "unit": None,
+        "labels": labels,
+        "form": made.form,
+    }
     say(result, lines, as_json=as_json)
 
 

@@ -42,33 +42,21 @@ def command(
         if path is not None and path.suffix.lower() != ".png":
             raise UsageError(f"{option} {path}: this picture is a PNG, give a name that ends in .png")
     found = _found(left, right, matching, labels, explain=reasons is not None)
-    disparity = found.disparity
-    _write_pictures(disparity, confidence, reasons, matching.name)
-    pfm.write_disparity(out, disparity.disparity_px)
-    height, width = disparity.disparity_px.shape
-    say(
-        {
-            "out": out,
-            "matcher": matching.name,
-            "labels": labels,
-            "min_disparity": matching.first_px,
-            "milliseconds": found.milliseconds,
-            "density": disparity.density,
-            "valid_pixels": int(disparity.valid.sum()),
-            "width": width,
-            "height": height,
-            "filters": matching.filters,
-            "filter_milliseconds": found.filter_milliseconds,
-            "confidence": confidence,
-            "reasons": reasons,
-            "unmatched_pixels": None if reasons is None else _counted(disparity),
-        },
-        [
-            f"{out}: {100 * disparity.density:.1f} % of {disparity.valid.size} pixels matched in "
-            f"{found.milliseconds:.0f} ms"
-        ],
-        as_json=as_json,
-    )
+    _write_pictures(found.disparity, confidence, reasons, matching.name)
+    pfm.write_disparity(out, found.disparity.disparity_px)
+    result = {
+        "out": out,
+        "matcher": matching.name,
+        "labels": labels,
+        "min_disparity": matching.first_px,
+        **_figures(found),
+        "filters": matching.filters,
+        "confidence": confidence,
+        "reasons": reasons,
+        "unmatched_pixels": None if reasons is None else _counted(found.disparity),
+    }
+    share, pixels = 100 * found.disparity.density, found.disparity.valid.size
+    say(result, [f"{out}: {share:.1f} % of {pixels} pixels matched in {found.milliseconds:.0f} ms"], as_json=as_json)
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,6 +87,18 @@ def _found(left: Path, right: Path, matching: Matching, labels: int, *, explain:
     begin = time.perf_counter()
     disparity = chain.apply(disparity, pair.left)
     return _Found(disparity, milliseconds, _milliseconds_since(begin))
+
+
+def _figures(found: _Found) -> dict[str, object]:
+    height, width = found.disparity.disparity_px.shape
+    return {
+        "milliseconds": found.milliseconds,
+        "density": found.disparity.density,
+        "valid_pixels": int(found.disparity.valid.sum()),
+        "width": width,
+        "height": height,
+        "filter_milliseconds": found.filter_milliseconds,
+    }
 
 
 def _milliseconds_since(begin_s: float) -> float:
