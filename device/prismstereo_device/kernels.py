@@ -9,8 +9,10 @@ Compiled when this module is imported (and then cached on disk), so that no pack
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, types
+from numba import types
 from numpy.typing import NDArray
+
+from prismstereo_device.compiled import compiled_for
 
 __all__ = ["cobs_decode", "cobs_encode"]
 
@@ -19,7 +21,7 @@ _READ_ONLY = types.Array(types.uint8, 1, "C", readonly=True)  # writable arrays 
 _SIGNATURE = types.int64(_READ_ONLY, types.uint8[::1])
 
 
-@njit(_SIGNATURE, cache=True, nogil=True)
+@compiled_for(_SIGNATURE)
 def cobs_encode(raw: NDArray[np.uint8], out: NDArray[np.uint8]) -> int:
     """Write the stuffed form of `raw` (n,) uint8 to `out` and return its length, or -1 if `out` is too small.
 
@@ -51,7 +53,7 @@ def cobs_encode(raw: NDArray[np.uint8], out: NDArray[np.uint8]) -> int:
     return position
 
 
-@njit(_SIGNATURE, cache=True, nogil=True)
+@compiled_for(_SIGNATURE)
 def cobs_decode(stuffed: NDArray[np.uint8], out: NDArray[np.uint8]) -> int:
     """Write the packet whose stuffed form (n,) uint8 this is to `out` and return its length.
 

@@ -8,7 +8,7 @@ import pytest
 from numba.core import config
 
 from device import filter_references as reference
-from prismstereo_device.filters import compiled as compiling
+from prismstereo_device import compiled as compiling
 from prismstereo_device.filters import filter_kernels as kernels
 from prismstereo_device.filters.bands import in_bands
 from prismstereo_device.filters.median_kernels import median_rows

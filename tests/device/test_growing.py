@@ -15,9 +15,9 @@ import pytest
 
 from device.shifted_noise import grey, noise, shifted
 from prismstereo_calibration.window import DisparityWindow
+from prismstereo_device.compiled import compiled
 from prismstereo_device.match.base import Found, Search
 from prismstereo_device.match.growing import matcher
-from prismstereo_device.match.growing.compiled import compiled
 from prismstereo_device.match.growing.growing_kernels import grow, matched_along_rows, refined
 from prismstereo_device.match.growing.matcher import GrowingMatcher, warm_up
 from prismstereo_device.match.growing.seeds import harris_corners, map_seeds, random_seeds

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import cv2
 import numpy as np
 import pytest
 
 from device.shifted_noise import grey, noise, shifted
+from device.subpixel_error import inliers, locking_px, rms_px, semi_global_steps
 from prismstereo_calibration.window import DisparityWindow
 from prismstereo_device.match.opencv import SgbmMatcher
-from prismstereo_device.match.subpixel import refine
+from prismstereo_device.match.subpixel import refine, refine_steps, symmetric_mean
 from prismstereo_device.rectify import RectifiedPair
+
+HALF_A_STEP_PX = 1 / 32 + 0.005  # maps are in sixteenths
 
 
 @pytest.mark.parametrize("shift_px", [3.0, 3.1, 3.25, 3.4, 3.5, 3.6, 3.75, 3.9])
@@ -19,8 +24,8 @@ def test_whole_and_broken_shifts_are_found_alike(shift_px: float, rng: np.random
     pair = RectifiedPair(grey(picture), grey(shifted(picture, shift_px)), DisparityWindow(32))
     found = SgbmMatcher().match(pair).disparity_px[10:-10, 20:-20]
     assert np.isfinite(found).mean() > 0.95
-    assert abs(np.nanmedian(found) - shift_px) < 0.02
-    assert np.nanmedian(np.abs(found - shift_px)) < 0.02
+    assert abs(np.nanmedian(found) - shift_px) < HALF_A_STEP_PX
+    assert np.nanmedian(np.abs(found - shift_px)) < HALF_A_STEP_PX
 
 
 @pytest.mark.parametrize("lean_px", [-0.5, -0.3, 0.0, 0.3, 0.5])
@@ -62,9 +67,27 @@ def test_refining_leaves_unmatched_unmatched_and_flat_as_it_is(rng: np.random.Ge
     assert np.isnan(refine(busy, busy, np.full((40, 60), np.nan, np.float32))).all()
 
 
-def test_refining_moves_nothing_by_more_than_three_quarters_of_a_pixel_nor_below_zero(rng: np.random.Generator) -> None:
+def test_refining_moves_nothing_by_more_than_half_a_pixel_a_round_nor_below_zero(rng: np.random.Generator) -> None:
     left, right = grey(noise(rng, 60, 80)), grey(noise(rng, 60, 80))
-    start = np.full((60, 80), 0.25, np.float32)
-    found = refine(left, right, start)
-    assert found.min() >= 0
-    assert np.abs(found - start).max() <= 0.75
+    start = np.full((60, 80), 4, np.int16)
+    found = refine_steps(left, right, start)
+    assert np.abs(found - start).max() == 8
+    assert found.min() == 0
+    twice = refine(left, right, start / np.float32(16))
+    assert twice.min() >= 0
+    assert twice.max() <= 1.25
+
+
+def test_a_real_terrace_is_found_an_eighth_better_than_semi_global_and_without_locking(data: Path) -> None:
+    # 0.84 of the anchor's RMS was measured: what is left are whole errors below a pixel on weak texture and along edges
+    folder = data / "gt-eth3d-terrace"
+    if not folder.is_dir():
+        pytest.skip(f"real data: {folder} is not there")
+    left, right = (cv2.imread(str(folder / name), cv2.IMREAD_GRAYSCALE) for name in ("im0.png", "im1.png"))
+    truth = cv2.imread(str(folder / "disp0.pfm"), cv2.IMREAD_UNCHANGED)
+    anchor = semi_global_steps(RectifiedPair(left, right, DisparityWindow(32)))
+    before = inliers(anchor, truth)
+    after = inliers(symmetric_mean(refine_steps(left, right, anchor)), truth)
+    assert rms_px(after[0]) < 7 / 8 * rms_px(before[0])
+    assert locking_px(*after) < 0.05 < locking_px(*before)
+    assert len(after[0]) >= len(before[0])

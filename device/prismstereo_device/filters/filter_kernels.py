@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from prismstereo_device.filters.compiled import compiled
+from prismstereo_device.compiled import compiled
 
 __all__ = ["closest_of_blocks", "fill_rows", "level_rows", "mark_edges", "renew", "take", "tolerance"]
 

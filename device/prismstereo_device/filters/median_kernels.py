@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from prismstereo_device.filters.compiled import compiled
+from prismstereo_device.compiled import compiled
 from prismstereo_device.filters.filter_kernels import tolerance
 
 __all__ = ["MOST_SAMPLES", "median_rows"]

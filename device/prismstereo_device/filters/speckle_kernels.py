@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from prismstereo_device.filters.compiled import compiled
+from prismstereo_device.compiled import compiled
 
 __all__ = ["find_speckles"]
 

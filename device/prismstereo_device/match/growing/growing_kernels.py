@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from prismstereo_device.match.growing.compiled import compiled, inlined
+from prismstereo_device.compiled import compiled, inlined
 
 __all__ = ["FRACTION", "MARGIN_PX", "NEVER", "ONE", "grow", "matched_along_rows", "refined"]
 

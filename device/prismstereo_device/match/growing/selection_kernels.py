@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from prismstereo_device.match.growing.compiled import compiled, inlined
+from prismstereo_device.compiled import compiled, inlined
 
 __all__ = ["BEHIND", "CHOSEN", "LOST", "NONE", "ROW_SHIFT", "listed", "selected"]
 

@@ -11,7 +11,7 @@ from typing import Any, TypeVar, cast
 
 from numba import njit
 
-__all__ = ["compiled", "inlined"]
+__all__ = ["compiled", "compiled_for", "inlined"]
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -22,6 +22,18 @@ def compiled(function: F) -> F:
         return cast("F", njit(nogil=True, cache=True, error_model="numpy")(function))
     except RuntimeError:  # no folder to keep the machine code in
         return cast("F", njit(nogil=True, error_model="numpy")(function))
+
+
+def compiled_for(signature: object) -> Callable[[F], F]:
+    """Compile a function at once, for arguments of these types: nobody waits for the compiler later."""
+
+    def decorate(function: F) -> F:
+        try:
+            return cast("F", njit(signature, nogil=True, cache=True)(function))
+        except RuntimeError:  # no folder to keep the machine code in
+            return cast("F", njit(signature, nogil=True)(function))
+
+    return decorate
 
 
 def inlined(function: F) -> F:
