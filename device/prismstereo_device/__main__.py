@@ -20,7 +20,7 @@ from prismstereo_calibration.model import Calibration
 from prismstereo_device.camera import CameraSource
 from prismstereo_device.filters import PRESETS, chain
 from prismstereo_device.link import Link
-from prismstereo_device.match import DEFAULT, MATCHERS, create
+from prismstereo_device.match import DEFAULT, MATCHERS, create, warm_up
 from prismstereo_device.pipeline import Pipeline
 from prismstereo_device.sensors import SENSORS, Sensor, open_sensor
 from prismstereo_device.service import DeviceIdentity, Service
@@ -29,6 +29,7 @@ from prismstereo_hw.errors import PrismStereoError, UsageError
 __all__ = ["main"]
 
 _MOST_CALIBRATION_BYTES = 256 * 1024
+_SOON_S = 1.0  # reading compiled kernels back from disk takes less
 _EXAMPLE = """\
 examples:
   prismstereo-device --sensor twin:oak-1 --link pty                 a simulated camera on a pseudo-terminal
@@ -85,6 +86,16 @@ def _positive(text: str) -> int:
     return int(text)
 
 
+def _warm_up(matcher: str, labels: int) -> None:
+    """Begin to compile the matcher, and say so if that takes longer than reading what was compiled before."""
+    compiling = warm_up(matcher, labels)
+    if compiling is None:
+        return
+    compiling.join(_SOON_S)
+    if compiling.is_alive():
+        print("compiling the matcher for this processor: some seconds, this once", file=sys.stderr, flush=True)
+
+
 def _serve(options: argparse.Namespace) -> None:
     if options.rate is not None and not 0 < options.rate <= 1000:
         raise UsageError(f"--rate {options.rate:g}: give frames per second, above 0 and up to 1000")
@@ -95,6 +106,7 @@ def _serve(options: argparse.Namespace) -> None:
         calibration = _calibration(options.calibration, sensor)
         source = CameraSource(sensor, Pipeline(calibration, matcher, filters=filters))
         identity = DeviceIdentity(uuid.getnode().to_bytes(8, "big"), secrets.randbits(32))
+        _warm_up(options.matcher, calibration.range.labels)
         with _link(options) as link:
             service = Service(source, link, identity, flash.pack(calibration), lossless=options.lossless)
             _stop_on_signals(service)

@@ -11,7 +11,7 @@ from typing import Any, TypeVar, cast
 
 from numba import njit
 
-__all__ = ["compiled", "compiled_for", "inlined"]
+__all__ = ["compiled", "compiled_any", "compiled_for", "inlined"]
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -22,6 +22,11 @@ def compiled(function: F) -> F:
         return cast("F", njit(nogil=True, cache=True, error_model="numpy")(function))
     except RuntimeError:  # no folder to keep the machine code in
         return cast("F", njit(nogil=True, error_model="numpy")(function))
+
+
+def compiled_any(function: Callable[..., Any]) -> Any:
+    """Compile like `compiled`; of calls of the result only numba checks the types: for loops over a dozen arrays."""
+    return compiled(function)
 
 
 def compiled_for(signature: object) -> Callable[[F], F]:

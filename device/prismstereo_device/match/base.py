@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from prismstereo_device.disparity import DisparityMap
+from prismstereo_device.match.mask_kernels import settle
 from prismstereo_device.match.settings import MatchSettings
 from prismstereo_device.reasons import Reason
 from prismstereo_device.rectify import RectifiedPair
@@ -20,6 +21,7 @@ _MOST_LABELS = 1024
 _LARGEST_SIDE_PX = 16384
 Grey = NDArray[np.uint8]
 _AS_USUAL = MatchSettings()
+_EVERYWHERE = np.ones((1, 1), np.bool_)
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,8 +97,9 @@ class Matcher(ABC):
         x, y, w, h = region
         rows, columns = slice(y, y + h), slice(x, x + w)
         disparity = np.full(pair.left.shape, np.nan, np.float32)
-        disparity[rows, columns] = self._rounded(found.disparity_px[:, columns])
-        disparity = _within(disparity, pair)
+        disparity[rows, columns] = found.disparity_px[:, columns]
+        left_seen, right_seen = (_EVERYWHERE if seen is None else seen for seen in (pair.left_seen, pair.right_seen))
+        settle(disparity, left_seen, right_seen, np.float32(2**self.settings.subpixel_bits))
         unmatched = np.isnan(disparity)
         confidence = None
         if found.confidence is not None:
@@ -109,10 +112,6 @@ class Matcher(ABC):
             reasons[rows, columns] = found.reasons[:, columns]
             reasons = np.where(unmatched & (reasons == Reason.MATCHED), np.uint8(Reason.OUTSIDE), reasons)
         return DisparityMap(disparity, pair.window, confidence, reasons)
-
-    def _rounded(self, disparity_px: NDArray[np.float32]) -> NDArray[np.float32]:
-        steps = np.float32(2**self.settings.subpixel_bits)
-        return np.asarray(np.rint(disparity_px * steps) / steps, np.float32)
 
 
 def _check(pair: RectifiedPair) -> None:
@@ -135,17 +134,3 @@ def _check(pair: RectifiedPair) -> None:
             )
     if not 1 <= pair.window.labels <= _MOST_LABELS:
         raise UsageError(f"--max-disparity {pair.window.labels}: search between 1 and {_MOST_LABELS} disparities")
-
-
-def _within(found: NDArray[np.float32], pair: RectifiedPair) -> NDArray[np.float32]:
-    """Drop matches whose partner lies outside the right picture, or where either view shows nothing."""
-    columns = np.arange(found.shape[1], dtype=np.float32)
-    with np.errstate(invalid="ignore"):
-        partner = columns - found
-        kept = partner >= 0
-        if pair.left_seen is not None:
-            kept &= pair.left_seen
-        if pair.right_seen is not None:
-            at = np.where(kept, np.rint(np.nan_to_num(partner)), 0).astype(np.intp)
-            kept &= np.take_along_axis(pair.right_seen, at, axis=1)
-    return np.where(kept, found, np.float32(np.nan))
