@@ -35,7 +35,7 @@ _ORTHOGONAL = 1e-6
 _LARGEST_SIDE_PX = 16384
 _SMALLEST_VIEW_PX = 16
 _PLACES = 9  # each way, at which a view's distortion is tried
-_LEAST_UNFOLDED = 0.6  # of them: far from all corners a polynomial may fold, and what lies there is left out of every map
+_LEAST_UNFOLDED = 0.6  # of them: far from all corners a polynomial may fold, and what lies there is in no map
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from prismstereo_calibration.camera import Camera
+from prismstereo_calibration.errors import CalibrationError
 from prismstereo_calibration.glass_parallax import GlassParallax
 from prismstereo_calibration.model import Calibration
 from prismstereo_calibration.window import DisparityWindow
@@ -31,6 +32,7 @@ __all__ = ["Rectification", "RectifiedView", "rectification"]
 Array = NDArray[np.float64]
 _DEPTH_SAMPLES = 16
 _GLASS_GRID = (25, 17)
+_BORDER_STEPS = 32  # from the middle of a view to either border
 _NEXT_PX = 16
 _NEARLY_INFINITE = 1e-3  # pixels of parallax
 
@@ -188,11 +190,21 @@ def _within(pixels: Array, side: RectifiedView, made: Rectification) -> NDArray[
 
 
 def _middle_slopes(camera: Camera, view: View, calibration: Calibration) -> Array:
-    """Return the slopes (3, 2) of the middles of a view's left border, of the view, and of its right border."""
+    """Return the slopes (3, 2) of the middles of a view's left border, of the view, and of its right border.
+
+    Where the lens' polynomial folds before a border, of the outermost column that it still tells of.
+    """
     x, y, _, _ = view.rectangle(calibration.frame_width, calibration.frame_height)
     w, h = view.upright_size(calibration.frame_width, calibration.frame_height)
-    middle = y + (h - 1) / 2
-    return camera.lens.slopes(np.array([[x, middle], [x + (w - 1) / 2, middle], [x + w - 1, middle]], float))
+    columns = x + (w - 1) * np.linspace(0, 1, 2 * _BORDER_STEPS + 1)
+    slopes = camera.lens.slopes(np.stack([columns, np.full(len(columns), y + (h - 1) / 2)], axis=-1))
+    told = np.flatnonzero(np.isfinite(slopes).all(axis=1))
+    if _BORDER_STEPS not in told:
+        raise CalibrationError(
+            f"the distortion {camera.lens.distortion} folds the picture in the middle of a view: calibrate again with corners "
+            "all over the view"
+        )
+    return np.asarray(slopes[[told[0], _BORDER_STEPS, told[-1]]])
 
 
 def _turn(calibration: Calibration) -> Array:

@@ -3,7 +3,7 @@
 Lengths stand under `..._mm`, or under `..._squares` where the board's squares were never measured. `far_mm` null is
 infinity. `sha256` is that of the canonical text (no spaces, fields in order) without itself; a file edited by hand may
 leave it out. Nothing is taken on trust: a wrong type, a number that is not finite, or one out of its bounds, a missing
-and an unknown key are refused by name.
+and an unknown key and one given twice are refused by name.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from msgspec.structs import replace
 from prismstereo_calibration import photometry, static_mask
 from prismstereo_calibration.camera import Camera
 from prismstereo_calibration.errors import CalibrationError
+from prismstereo_calibration.meeting_views import require_meeting
 from prismstereo_calibration.model import Calibration, Model, Unit
 from prismstereo_calibration.photometry import PhotometryPart
 from prismstereo_calibration.schema_parts import (
@@ -40,6 +41,7 @@ from prismstereo_calibration.schema_parts import (
     view_of,
     view_part,
 )
+from prismstereo_calibration.single_keys import require_single_keys
 from prismstereo_calibration.static_mask import StaticMaskPart
 from prismstereo_hw.errors import RigError
 from prismstereo_hw.rig import RangeWish
@@ -178,7 +180,7 @@ def from_file(content: CalibrationFile) -> Calibration:
     except RigError as error:
         raise CalibrationError(str(error)) from error
     plate = None if content.glass is UNSET else plate_of(content.glass)
-    return Calibration(
+    calibration = Calibration(
         rig=content.rig,
         frame_width=content.frame_width_px,
         frame_height=content.frame_height_px,
@@ -198,6 +200,16 @@ def from_file(content: CalibrationFile) -> Calibration:
         photometry=None if content.photometry is UNSET else photometry.of_part(content.photometry),
         mask=None if content.mask is UNSET else static_mask.of_part(content.mask),
     )
+    _require_sense(calibration)
+    return calibration
+
+
+def _require_sense(calibration: Calibration) -> None:
+    """Refuse what is a calibration by all its numbers and of no use all the same."""
+    names = [output.name for output in calibration.outputs]
+    if len(set(names)) < len(names):
+        raise CalibrationError(f"outputs have the names {', '.join(names)}: give each its own")
+    require_meeting(calibration)
 
 
 def encode(calibration: Calibration) -> bytes:
@@ -205,6 +217,7 @@ def encode(calibration: Calibration) -> bytes:
 
     `CalibrationError` names a value that `decode` would refuse, so what is written can be read.
     """
+    _require_sense(calibration)
     content = to_file(calibration)
     text = msgspec.json.encode(content)
     try:
@@ -220,7 +233,9 @@ def decode(text: bytes, origin: str) -> Calibration:
     """Read a calibration from JSON text; `CalibrationError` names `origin` and the field that is wrong."""
     try:
         _require_head(text)
-        return from_file(_decoder.decode(text))
+        content = _decoder.decode(text)
+        require_single_keys(text)
+        return from_file(content)
     except CalibrationError as error:
         raise CalibrationError(f"{origin}: {error}") from error
     except msgspec.ValidationError as error:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from dataclasses import replace
 from functools import cache
@@ -37,22 +36,6 @@ def parts(one: Calibration) -> tuple[object, ...]:
     return (*rest, one.rms_px, one.views_used, one.left.lens, one.right.lens, right)
 
 
-def changed(**values: Any) -> bytes:
-    """The file's text with some fields replaced (None in a nested path removes nothing; `...` removes the key)."""
-    content = json.loads(encode(calibration()))
-    del content["sha256"]
-    for path, value in values.items():
-        where, *rest = path.split("__")[::-1]
-        target = content
-        for key in rest[::-1]:
-            target = target[int(key) if isinstance(target, list) else key]
-        if value is ...:
-            del target[where]
-        else:
-            target[int(where) if isinstance(target, list) else where] = value
-    return json.dumps(content).encode()
-
-
 CUTS: tuple[dict[str, Any], ...] = (
     {},
     {"row_start": 1, "row_step": 2},
@@ -72,14 +55,14 @@ def calibrations(draw: st.DrawFn) -> Calibration:
         360 - off,
         tuple(draw(st.floats(-1e-3, 1e-3)) for _ in range(5)),
     )
-    turn = draw(st.floats(-0.2, 0.2))
+    turn = draw(st.floats(-0.02, 0.02)) - 2 * math.atan(320 / focal)  # so that the halves look the same way
     R = np.array([[math.cos(turn), 0, math.sin(turn)], [0, 1, 0], [-math.sin(turn), 0, math.cos(turn)]])
     centre = np.array([draw(st.floats(1, 500)), draw(st.floats(-0.1, 0.1)), draw(st.floats(-0.1, 0.1))])
     turn_deg = draw(st.sampled_from([0, 180]))
     cut = draw(st.sampled_from(CUTS))
     step = cut.get("row_step", 1)  # an interlaced picture is as many times lower
     thinned = replace(lens, cx_px=lens.cx_px + draw(st.floats(-50, 50)), fy_px=lens.fy_px / step)
-    far = draw(st.one_of(st.just(math.inf), st.floats(2e3, 1e6)))
+    far = draw(st.one_of(st.just(math.inf), st.floats(2e5, 1e6)))
     return Calibration(
         rig=draw(st.text(max_size=40).filter(lambda text: text.isprintable())),
         frame_width=1280,
@@ -149,63 +132,6 @@ def test_no_other_bytes_are_a_calibration(data: bytes) -> None:
         flash.unpack(data)
     with pytest.raises(CalibrationError, match=r"^there"):
         decode(data, "there")
-
-
-MALFORMED = {
-    "a number is a text": (changed(left_lens__fx_px="934"), r"left_lens\.fx_px"),
-    "a number is missing": (changed(right_lens__k2=...), r"k2.*right_lens"),
-    "an unknown key": (changed(left_lens__skew_px=0.0), "skew_px"),
-    "an unknown key at the top": (changed(author="me"), "author"),
-    "another schema": (changed(schema="prismstereo-calibration/2"), "schema is 'prismstereo-calibration/2'"),
-    "no schema": (changed(schema=...), "schema"),
-    "NaN": (changed(left_lens__cx_px=math.nan), r"left_lens\.cx_px"),
-    "Infinity": (changed(near_mm=math.inf), "near_mm"),
-    "a number beyond floats": (changed(rms_px=7).replace(b'"rms_px": 7', b'"rms_px": 1e999'), "rms_px"),
-    "an absurd number": (changed(right_lens__fy_px=1e308), r"right_lens\.fy_px"),
-    "a negative focal length": (changed(left_lens__fx_px=-900.0), r"left_lens\.fx_px"),
-    "a matrix of two rows": (changed(R_right_from_left=[[1, 0, 0], [0, 1, 0]]), "R_right_from_left"),
-    "not a rotation": (changed(R_right_from_left=[[1, 0, 0], [0, 1, 0], [0, 0, 0.5]]), "R_right_from_left"),
-    "a view outside the frame": (changed(left_view__width_fraction=0.9), "leaves the frame"),
-    "more rows than eight": (changed(left_view__row_step=99), r"left_view\.row_step"),
-    "a row that is not there": (changed(left_view__row_start=3), "rows from 3 in steps of 1"),
-    "a polygon outside": (
-        changed(left_view__polygon_fraction=[[0, 0], [0, 1], [2, 0]]),
-        r"left_view\.polygon_fraction",
-    ),
-    "a turn by 45 degrees": (changed(left_view__turn_deg=45), r"left_view\.turn_deg"),
-    "an empty range": (changed(near_mm=500.0, far_mm=400.0), "range 500:400"),
-    "labels not of sixteen": (changed(labels=100), "100 disparity labels"),
-    "another model": (changed(model="three-camera"), "model"),
-    "another unit": (changed(unit="inch"), "unit"),
-    "lengths of the other unit": (changed(unit="square"), "t_right_from_left_mm has no place"),
-    "no lengths": (changed(near_mm=...), "near_mm is missing"),
-    "lengths of both units": (changed(near_squares=3.0), "near_squares has no place"),
-    "the right camera on the left": (changed(t_right_from_left_mm=[50.0, 0.0, 0.0]), "left and right are exchanged"),
-    "no size": (changed(frame_width_px=0), "frame_width_px"),
-    "half a file": (encode(calibration())[:700], "is not JSON"),
-    "no JSON": (b"fx = 900", "is not JSON"),
-    "a list": (b"[1, 2]", "Expected `object`"),
-    "nothing": (b"", "is not JSON"),
-    "a byte order mark": (b"\xef\xbb\xbf" + encode(calibration()), "byte order mark"),
-    "not UTF-8": (encode(calibration()).replace(b"oak-1", b"oak\xff1"), "unit.json"),
-    "UTF-16": (encode(calibration()).decode().encode("utf-16"), "is not JSON"),
-    "brackets without end": (b"[" * 200_000, "unit.json"),
-    "brackets in a field": (changed(rig=0).replace(b'"rig": 0', b'"rig": ' + b"[" * 100_000), "unit.json"),
-    "an edited file": (encode(calibration()).replace(b'"views_used":0', b'"views_used":9'), "sha256"),
-}
-
-
-@pytest.mark.parametrize("name", MALFORMED)
-def test_a_malformed_file_is_refused_by_its_name_and_its_field(name: str, tmp_path: Path) -> None:
-    text, field = MALFORMED[name]
-    (tmp_path / "unit.json").write_bytes(text)
-    with pytest.raises(CalibrationError, match=field) as caught:
-        store.read(tmp_path / "unit.json")
-    assert str(tmp_path / "unit.json") in str(caught.value)
-
-
-def test_a_file_edited_on_purpose_is_read_once_its_sha256_is_left_out() -> None:
-    assert decode(changed(views_used=9), "unit.json").views_used == 9
 
 
 def test_a_file_that_is_far_too_large_is_refused_unread(tmp_path: Path) -> None:

@@ -80,24 +80,69 @@ def test_flaws_that_the_rig_file_does_not_know_are_measured(rig: Rig) -> None:
     assert found.rms_px == pytest.approx(0.28, abs=0.01)
 
 
+UNITS = {
+    "as drawn": lambda rig: rig,
+    "flawed lens": lambda rig: flawed(rig, *FLAWS),
+    "tipped mirror": lambda rig: tipped(rig, 0.3),
+}
+MEDIAN_BASELINE_MM = {"dslr-35mm": 0.06, "oak-1": 0.03, "pi-camera-v2": 0.03}
+
+
 @pytest.mark.soak
-@pytest.mark.parametrize("flaws", [None, FLAWS], ids=["as drawn", "flawed lens"])
+@pytest.mark.parametrize("unit", UNITS)
 @pytest.mark.parametrize("name", PRISM_RIGS)
-def test_ten_campaigns_recover_the_rig(
-    name: str, flaws: tuple[tuple[float, float], tuple[float, float]] | None
-) -> None:
+def test_twenty_campaigns_recover_the_unit(name: str, unit: str) -> None:
+    """Fifteen poses, 0.2 px per axis; the solver knows the rig as drawn, whatever became of the unit."""
     nominal = Rig.read(name)
-    rig = nominal if flaws is None else flawed(nominal, *flaws)
-    found = recoveries(rig, 10, nominal=nominal)
+    found = recoveries(UNITS[unit](nominal), 20, nominal=nominal)
     middle = medians(found)
     print(
-        f"\n{name:14s} {'flawed' if flaws else 'as drawn':9s} baseline error median {middle.baseline_mm:.3f} worst "
+        f"\n| {name} | {unit} | baseline error median {middle.baseline_mm:.3f} worst "
         f"{max(one.baseline_mm for one in found):.3f} mm | principal point median {middle.principal_point_px:.2f} px | "
-        f"focal length {middle.focal_percent:.3f} % | rms {middle.rms_px:.4f} px"
+        f"focal length {middle.focal_percent:.3f} % | rms {middle.rms_px:.4f} px |"
     )
-    assert middle.baseline_mm < BASELINE_BOUND_MM[name]
-    assert middle.principal_point_px < 1.5
+    assert middle.baseline_mm <= MEDIAN_BASELINE_MM[name]
+    assert middle.principal_point_px <= 1.0
     assert middle.rms_px == pytest.approx(0.28, abs=0.01)
+
+
+@pytest.mark.soak
+def test_three_poses_measure_fresh_boards_to_a_thousandth(dslr: Rig) -> None:
+    """Twenty calibrations from three poses each, held against ten boards that they never saw.
+
+    A board's own corners leave 0.64e-3 rms of scale error even to a perfect calibration, so the rms says little.
+    """
+    unit = flawed(dslr, *FLAWS)
+    found = []
+    for seed in range(20):
+        calibration = solve(traced_detection(unit, seed, poses=3), BOARD, rig=dslr).calibration
+        fresh = traced_detection(unit, 1000 + seed, poses=10)
+        errors = [judge(calibration, fresh.only({one.name}), BOARD).scale_error.mean for one in fresh.sightings]
+        found.append((np.abs(errors).mean(), abs(np.mean(errors)), np.sqrt(np.mean(np.square(errors)))))
+    each, together, rms = 1e3 * np.median(found, axis=0)
+    print(
+        f"\n| dslr-35mm, 3 poses | scale error of a fresh board {each:.2f}e-3, of ten together {together:.2f}e-3, "
+        f"rms {rms:.2f}e-3 |"
+    )
+    assert each <= 0.8
+    assert together <= 0.5
+
+
+@pytest.mark.soak
+def test_at_the_distance_of_table_one_the_figures_are_those_of_table_one(dslr: Rig) -> None:
+    """The paper's table 1: gap 0.047 to 0.0585 mm, plane fit 0.343 to 0.432 mm; on fresh boards of 60 x 40 mm.
+
+    A board of 80 x 60 mm does not fit the common field of that rig nearer than 0.37 m.
+    """
+    board, found = Board(7, 5, SQUARE_MM), []
+    for seed in range(20):
+        near = [traced_detection(dslr, number, board=board, within_mm=(320.0, 430.0)) for number in (seed, 1000 + seed)]
+        quality = judge(solve(near[0], board, rig=dslr).calibration, near[1], board)
+        found.append((quality.triangulation_gap.mean, quality.plane_fit.mean))
+    gap_mm, plane_mm = np.median(found, axis=0)
+    print(f"\n| dslr-35mm, 0.32 to 0.43 m | gap {gap_mm:.4f} mm | plane fit {plane_mm:.3f} mm |")
+    assert gap_mm <= 0.045
+    assert plane_mm <= 0.34
 
 
 def test_a_tipped_mirror_is_measured_and_not_a_failure(oak: Rig) -> None:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections import Counter
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -115,3 +116,63 @@ def test_frames_of_nothing_end_in_one_sentence_that_names_some(oak: Rig) -> None
             solve(detection, BOARD, rig=oak, model=model)
         with pytest.raises(CalibrationError):
             solve(detection, BOARD, model=model)
+
+
+FAULTS = ("blurred", "another board", "views exchanged")
+ANOTHER = Board(12, 9, SQUARE_MM)  # a board of other counts: the corners that a detector would make of a part of it
+
+
+def with_fault(
+    detection: Detection, other: Detection, index: int, fault: str, random: np.random.Generator
+) -> Detection:
+    """The detection with one frame that has a bad view, drawn at random where there is a choice."""
+    views = [detection.sightings[index].left, detection.sightings[index].right]
+    bad = int(random.integers(2))
+    if fault == "blurred":
+        views[bad] = views[bad] + random.normal(0, 3, views[bad].shape)
+    elif fault == "another board":  # 9 x 7 of the other board's corners, anywhere on it
+        grid = other.sightings[int(random.integers(len(other.sightings)))].pixels[bad].reshape(9, 12, 2)
+        row, column = int(random.integers(3)), int(random.integers(4))
+        views[bad] = grid[row : row + 7, column : column + 9].reshape(-1, 2)
+    else:
+        views = views[::-1]
+    return with_pair(detection, index, *views)
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """How often a fault was found and named, and how often a good frame had to go with it."""
+
+    trials: int
+    named: int
+    innocent: int
+
+
+def campaign(rig: Rig, fault: str, seeds: int) -> Campaign:
+    """Spoil one of fifteen frames, which and how by the seed, and solve."""
+    named = innocent = 0
+    for seed in range(seeds):
+        random = np.random.default_rng([seed, FAULTS.index(fault)])
+        index = int(random.integers(15))
+        detection = with_fault(
+            traced_detection(rig, seed % 5), traced_detection(rig, 0, poses=5, board=ANOTHER), index, fault, random
+        )
+        gone = Counter(entry.name for entry in solve(detection, BOARD, rig=rig).rejected)
+        named += gone.pop(f"pose{index:02d}.png", 0)
+        innocent += gone.total()
+    return Campaign(seeds, named, innocent)
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_frame_with_a_bad_view_is_found_and_named(oak: Rig, fault: str) -> None:
+    assert campaign(oak, fault, 4) == Campaign(trials=4, named=4, innocent=0)
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("fault", FAULTS)
+@pytest.mark.parametrize("name", PRISM_RIGS)
+def test_in_a_hundred_trials_bad_views_are_found_and_named(name: str, fault: str) -> None:
+    found = campaign(Rig.read(name), fault, 100)
+    print(f"\n| {name} | {fault} | named {found.named} of {found.trials} | good frames lost {found.innocent} |")
+    assert found.named >= 0.95 * found.trials
+    assert found.innocent <= 0.01 * 14 * found.trials

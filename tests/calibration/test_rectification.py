@@ -261,3 +261,21 @@ def test_views_that_stand_otherwise_in_the_frame_are_rectified_in_their_upright_
     ]
     assert found[0][1] == pytest.approx(found[1][1])
     assert found[0][0] - found[1][0] == pytest.approx(600 * 60 / 900 + 1)
+
+
+def test_a_lens_that_folds_before_the_border_of_a_view_is_rectified_up_to_there() -> None:
+    plain = Lens(700.0, 700.0, 0.0, 180.0)
+    folding = dataclasses.replace(plain, distortion=(0.0, 0.0, 0.0, 0.0, -1 / 64))
+    assert np.isnan(folding.slopes(np.array([1279.0, 180.0]))).any()
+    calibration = dataclasses.replace(
+        NOMINAL["oak-1"],
+        left_view=View(left=0.0, top=0.5, width=1.0, height=0.5),
+        right_view=View(left=0.0, top=0.0, width=1.0, height=0.5),
+        left=Camera.at_origin(dataclasses.replace(plain, cy_px=540.0)),
+        right=Camera(folding, np.eye(3), np.array([-10.0, 0.0, 0.0])),
+    )
+    made = rectification(calibration)
+    points = np.array([[200.0, 20.0, 1000.0], [900.0, -30.0, 2000.0]])
+    left, right = (made.rectify(side.camera.project(points), side) for side in (made.left, made.right))
+    np.testing.assert_allclose(left[:, 1], right[:, 1], atol=1e-6)
+    np.testing.assert_allclose(made.window.depth((left - right)[:, 0].astype(np.float32)), points[:, 2], rtol=1e-4)

@@ -135,3 +135,10 @@ def test_exchanged_views_are_said_to_be_exchanged(oak: Rig) -> None:
     exchanged = tuple(Sighting.of(pair.name, pair.right, pair.left) for pair in detection.sightings)
     with pytest.raises(CalibrationError, match="left and right are exchanged"):
         solve(replace(detection, sightings=exchanged, views=detection.views[::-1]), BOARD, model="two-camera")
+
+
+def test_the_same_pictures_for_both_views_are_no_pair() -> None:
+    seen = seen_by(*two_cameras(layout("side-by-side")), layout("side-by-side"), 5)
+    alike = tuple(Sighting.of(one.name, one.left, one.left) for one in seen.sightings)
+    with pytest.raises(CalibrationError, match="the two views stand in one place"):
+        solve(replace(seen, sightings=alike), BOARD)

@@ -73,12 +73,16 @@ def traced_detection(
     board: Board | None = None,
     noise_px: float = 0.2,
     tilt_deg: float = 30.0,
+    within_mm: tuple[float, float] | None = None,
 ) -> Detection:
-    """Corner pairs of so many random poses within the common field, in upright pixels, noise per axis; made once."""
+    """Corner pairs of so many random poses within the common field, in upright pixels, noise per axis; made once.
+
+    The boards' middles are `within_mm`, or between the near and far distance of the rig.
+    """
     board = board or Board(9, 7, SQUARE_MM)
     random = np.random.default_rng(seed)
     flat = (board.points() / board.square - np.array([board.columns - 1, board.rows - 1, 0]) / 2) * SQUARE_MM
-    near, far = NEAR_AND_FAR_MM[rig.name]
+    near, far = within_mm or NEAR_AND_FAR_MM[rig.name]
     views = TracedView(rig, "left"), TracedView(rig, "right")
     pairs: list[Sighting] = []
     for _ in range(4000):

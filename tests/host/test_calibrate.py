@@ -112,9 +112,25 @@ class TestWhatCannotBeCalibrated:
     def test_flags_that_are_missing_or_contradict(self, boards: Path, tmp_path: Path) -> None:
         frames = boards / "boards"
 
-        assert "--board" in self.refused(tmp_path, 2, frames, "--rig", "oak-1")
+        assert "--board" in self.refused(tmp_path, 4, frames, "--rig", "oak-1")  # no code is printed beside it
         assert "--layout" in self.refused(tmp_path, 2, frames, "--board", "chessboard:9x7")
         assert "not both" in self.refused(
             tmp_path, 2, frames, "--board", "chessboard:9x7", "--rig", "oak-1", "--layout", "swapped"
         )
         assert "no picture" in self.refused(tmp_path, 2, "nothing*.png", "--rig", "oak-1", "--board", "chessboard:9x7")
+
+    def test_a_square_of_no_size_a_star_s_heat_and_a_focus_out_of_count(self, boards: Path, tmp_path: Path) -> None:
+        given = (boards / "boards", "--rig", "oak-1", "--board", "chessboard:9x7")
+
+        assert "a square of 0 mm" in self.refused(tmp_path, 2, *given, "--square-mm", 0)
+        for hot in ("nan", "5000"):
+            assert "--temperature-c" in self.refused(tmp_path, 2, *given, "--temperature-c", hot)
+        assert "--lens-position" in self.refused(tmp_path, 2, *given, "--lens-position", 99_999_999)
+
+    def test_a_report_that_cannot_be_written_leaves_no_calibration(self, boards: Path, tmp_path: Path) -> None:
+        (tmp_path / "file").write_text("no folder")
+
+        frames = sorted((boards / "boards").iterdir())[:3]
+        given = (*frames, "--rig", "oak-1", "--board", "chessboard:9x7", "--square-mm", 9.5)
+
+        assert "report.html" in self.refused(tmp_path, 4, *given, "--report", tmp_path / "file" / "report.html")

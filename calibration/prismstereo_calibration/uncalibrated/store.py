@@ -20,6 +20,7 @@ from msgspec.structs import replace
 
 from prismstereo_calibration.errors import CalibrationError
 from prismstereo_calibration.schema_parts import ViewPart, view_of, view_part
+from prismstereo_calibration.single_keys import require_single_keys
 from prismstereo_calibration.uncalibrated.form_figures import Form, FormFigures, evened
 from prismstereo_calibration.uncalibrated.pictures import ViewPictures
 from prismstereo_calibration.uncalibrated.scene_rectification import SceneRectification, SceneView
@@ -149,7 +150,9 @@ def decode(text: bytes, origin: str) -> SceneRectification:
     try:
         _require_plain(text)
         _require_schema(text)
-        return _from_file(_decoder.decode(text))
+        content = _decoder.decode(text)
+        require_single_keys(text)
+        return _from_file(content)
     except (CalibrationError, RigError) as error:
         raise CalibrationError(f"{origin}: {error}") from error
     except msgspec.ValidationError as error:
@@ -182,11 +185,8 @@ class _NoNumber:
 
 
 def _plain(pairs: list[tuple[str, object]]) -> dict[str, object]:
-    """Refuse a key that is given twice (nobody knows which was meant) and a number that is none, by name."""
-    keys = [key for key, _ in pairs]
+    """Refuse a number that is none by the name of its field."""
     for key, value in pairs:
-        if keys.count(key) > 1:
-            raise CalibrationError(f"{key} is given twice: keep one")
         odd = _no_number(value)
         if odd is not None:
             raise CalibrationError(f"{key} has {odd.word}, which is no number of JSON: give finite numbers")

@@ -100,7 +100,7 @@ def check(
     state = state or State()
     seen = require_matches(scenes, 1)
     lines = Sightlines.of(calibration, seen)
-    fit = fit_pose(lines, doubts_px(calibration, seen), calibration.right, mount)
+    fit = fit_pose(lines, doubts_px(calibration, seen, mount.plate), calibration.right, mount)
     probe = DepthProbe.of(calibration)
     sigma = probe.sigma(calibration, mount, fit.amounts, fit.covariance)
     findings = [*_rows(calibration, seen, lines, fit), _depth(calibration, probe, fit, sigma)]

@@ -2,7 +2,8 @@
 
 A lens that is known to 0.15 % leaves a pattern of vertical disparity that looks like a turn of the mirrors. A scene must not
 be allowed to mend what never moved, so each such pattern, at the size of one standard deviation, takes part in the fit as an
-unknown of its own, and is then left out of the result.
+unknown of its own, and is then left out of the result. So does glass that the unit has and the calibration leaves out: its
+pinholes are right where the board stood, and off by tenths of a pixel at the distances of a scene.
 """
 
 from __future__ import annotations
@@ -15,6 +16,8 @@ from numpy.typing import NDArray
 
 from prismstereo_calibration.camera import Camera
 from prismstereo_calibration.model import Calibration
+from prismstereo_calibration.pinholes import nearest_pinholes
+from prismstereo_calibration.plate import Plate
 from prismstereo_calibration.solving.poses import rotations
 from prismstereo_calibration.uncertainty import NUMBERS
 from prismstereo_calibration.upkeep.sightlines import SceneMatches, Sightlines
@@ -28,13 +31,19 @@ _LEAST_PX = 1e-4  # patterns below this are not worth an unknown
 _LENS_NUMBERS = 9
 _FAR = 1e4  # along a ray: any point of it has the same pixel
 _STEP = 0.1  # of a standard deviation
+_BOARDS_NEAR = 0.5  # of the range's near end: where the nearest of the boards stand
 
 
-def doubts_px(calibration: Calibration, scenes: Sequence[SceneMatches]) -> Array:
-    """Return the vertical disparity (N, q) in pixels that each doubt about a calibration, at one sigma, puts on the points."""
+def doubts_px(calibration: Calibration, scenes: Sequence[SceneMatches], plate: Plate | None = None) -> Array:
+    """Return the vertical disparity (N, q) in pixels that each doubt about a calibration, at one sigma, puts on the points.
+
+    `plate`: the glass that the unit has; a doubt where the calibration leaves it out.
+    """
     left_px = np.concatenate([np.zeros((0, 2)), *(scene.left_px for scene in scenes)])
     matches = SceneMatches("", left_px, _met_px(calibration, scenes))
     patterns = [_rows_px(_changed(calibration, _STEP * doubt), matches) / _STEP for doubt in _directions(calibration)]
+    if plate is not None and calibration.left.plate is None:
+        patterns.append(_glass_px(calibration, scenes, plate))
     kept = [pattern for pattern in patterns if np.sqrt(np.mean(pattern**2)) > _LEAST_PX]
     return np.stack(kept, axis=1) if kept else np.zeros((len(left_px), 0))
 
@@ -49,6 +58,17 @@ def _met_px(calibration: Calibration, scenes: Sequence[SceneMatches]) -> Array:
 def _rows_px(calibration: Calibration, matches: SceneMatches) -> Array:
     right = calibration.right
     return Sightlines.of(calibration, [matches]).rows_px(right.R_camera_from_left, right.t_camera_from_left)
+
+
+def _glass_px(calibration: Calibration, scenes: Sequence[SceneMatches], plate: Plate) -> Array:
+    """Return the rows (N,) left by pinholes that were fitted to these cameras behind glass, on boards nearer than the range."""
+    left, right = (replace(camera, plate=plate) for camera in (calibration.left, calibration.right))
+    behind = replace(calibration, left=left, right=right, unit="mm")  # any unit: only pixels come of it
+    frame, near = (calibration.frame_width, calibration.frame_height), calibration.range.near_mm
+    nearest = nearest_pinholes(left, right, calibration.views, frame, _BOARDS_NEAR * near, near)
+    left_px = np.concatenate([np.zeros((0, 2)), *(scene.left_px for scene in scenes)])
+    matches = SceneMatches("", left_px, _met_px(behind, scenes))
+    return _rows_px(replace(calibration, left=nearest.left, right=nearest.right), matches)
 
 
 def _directions(calibration: Calibration) -> Array:

@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 
 from prismstereo_calibration.camera import Camera
 from prismstereo_calibration.model import Calibration
+from prismstereo_calibration.nominal import nominal_plate
+from prismstereo_calibration.plate import Plate
 from prismstereo_calibration.solving.poses import rotations
 from prismstereo_hw.optics.surfaces import Surface
 from prismstereo_hw.rig import BUILT_IN, LITERATURE, Rig
@@ -45,6 +47,11 @@ class Mount(Protocol):
         """One standard deviation (k,) of each way, in its unit."""
         ...
 
+    @property
+    def plate(self) -> Plate | None:
+        """The glass that the unit is known to have before both views, as thick as the calibration's unit has it."""
+        ...
+
     def moved(self, right: Camera, amounts: Array) -> tuple[Array, Array]:
         """Return R (3, 3) and t (3,) of the right camera after moves of so many standard deviations (k,)."""
         ...
@@ -56,6 +63,7 @@ class FreeMount:
 
     baseline: float
     unit: str
+    plate: Plate | None = None
 
     @property
     def ways(self) -> tuple[str, ...]:
@@ -81,6 +89,7 @@ class MirrorMount:
     mirrors: tuple[Surface, Surface]
     R_left_from_rig: Array
     t_left_from_rig: Array
+    plate: Plate | None = None
 
     @property
     def ways(self) -> tuple[str, ...]:
@@ -119,7 +128,8 @@ def _world_turned(mirror: Surface, amounts: Array) -> tuple[Array, Array]:
 
 def mount_of(calibration: Calibration, rig: Rig | None) -> Mount:
     """Return how a unit can move: by its mirrors where its rig has one for each view, freely otherwise."""
-    free = FreeMount(calibration.baseline, calibration.unit)
+    plate = None if rig is None else _plate(calibration, rig)
+    free = FreeMount(calibration.baseline, calibration.unit, plate)
     if rig is None or calibration.unit != "mm":
         return free
     last = [rig.surfaces(side)[-1:] for side in _SIDES]
@@ -127,7 +137,15 @@ def mount_of(calibration: Calibration, rig: Rig | None) -> Mount:
     if left is None or not all(mirror and mirror[0].action == "reflect" for mirror in last):
         return free
     upright = np.diag([-1.0 if rig.views[0].mirrored else 1.0, 1.0, 1.0])
-    return MirrorMount((last[0][0], last[1][0]), upright @ left.R, upright @ left.view_from_rig(np.zeros(3)))
+    return MirrorMount((last[0][0], last[1][0]), upright @ left.R, upright @ left.view_from_rig(np.zeros(3)), plate)
+
+
+def _plate(calibration: Calibration, rig: Rig) -> Plate | None:
+    """Return the rig's glass; where nobody said how large a square is, the baseline tells."""
+    plate = nominal_plate(rig)
+    if plate is None or calibration.unit == "mm":
+        return plate
+    return replace(plate, thickness_mm=plate.thickness_mm * calibration.baseline / Calibration.nominal(rig).baseline)
 
 
 def mount_for(calibration: Calibration, rig: str | None) -> Mount:

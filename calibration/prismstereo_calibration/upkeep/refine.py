@@ -114,7 +114,8 @@ def refine(
     is the old one.
     """
     seen = require_matches(scenes, FEWEST_SCENES)
-    lines, doubts, probe = Sightlines.of(calibration, seen), doubts_px(calibration, seen), DepthProbe.of(calibration)
+    lines, probe = Sightlines.of(calibration, seen), DepthProbe.of(calibration)
+    doubts = doubts_px(calibration, seen, mount.plate)
     fit = fit_pose(lines, doubts, calibration.right, mount, known)
     sigma = probe.sigma(calibration, mount, fit.amounts, fit.covariance)
     sure = known is not None or abs(probe.change(fit.R, fit.t)) > _SURELY * sigma

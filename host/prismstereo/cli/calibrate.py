@@ -87,7 +87,7 @@ def command(
 
     Exit code 1 when the figures say that it must be done again; the files are written all the same.
     """
-    from prismstereo.cli.calibrate_input import board_of, given, seam_of
+    from prismstereo.cli.calibrate_input import board_of, given, require_state, seam_of
     from prismstereo.cli.calibrate_lines import account, lines
     from prismstereo_calibration.boards.detect import detect
     from prismstereo_calibration.judging import report as reports
@@ -96,6 +96,7 @@ def command(
     from prismstereo_calibration.store import write
     from prismstereo_hw.files import write_whole
 
+    require_state(lens_position, temperature_c)
     found = given(frames, left, right, rig, layout, scene=from_scene)
     if from_scene:
         _require_no_board(
@@ -120,10 +121,10 @@ def command(
     quality = judge(solution.calibration, detection.only(solution.used), target, solution=solution)
     outputs = _outputs(found, stills, target, detection)
     solution = _completed(solution, seam, flat, outputs)
+    if report is not None:  # before the calibration: a report that cannot be written leaves all as it was
+        write_whole(report, reports.html(solution, quality).encode())
     write(out, solution.calibration)
     others = _write_others(out, solution.others)
-    if report is not None:
-        write_whole(report, reports.html(solution, quality).encode())
     say(
         account(solution, quality, target, seam, out, others),
         lines(solution, quality, target, seam, out, others),

@@ -18,9 +18,11 @@ from prismstereo_hw.view import layout as layout_by_name
 if TYPE_CHECKING:
     from prismstereo_calibration.light.seam import Seam
 
-__all__ = ["Given", "board_of", "given", "seam_of"]
+__all__ = ["Given", "board_of", "given", "require_state", "seam_of"]
 
 _SEAM_FRAMES = 6
+_COLDEST_C, _HOTTEST_C = -100.0, 200.0
+_FARTHEST_STEP = 1_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +108,7 @@ def board_of(found: Given, board: str | None, square_mm: float | None, bar_mm: f
 
     text = board or found.board
     if text:
-        known = Board.parse(text, square_mm or found.square_mm)
+        known = Board.parse(text, found.square_mm if square_mm is None else square_mm)
     else:
         known = read_from(found.frames, found.views)
         known = known if square_mm is None else replace(known, square_mm=square_mm)
@@ -115,6 +117,16 @@ def board_of(found: Given, board: str | None, square_mm: float | None, bar_mm: f
     if square_mm is not None:
         raise UsageError("give --square-mm or --bar-mm, not both: a measured square needs no bar")
     return printed(known, bar_mm)
+
+
+def require_state(lens_position: int | None, temperature_c: float | None) -> None:
+    """Refuse a focus or a temperature that no unit has, before anything is measured."""
+    if temperature_c is not None and not _COLDEST_C <= temperature_c <= _HOTTEST_C:  # NaN compares as False
+        raise UsageError(f"--temperature-c {temperature_c:g}: give {_COLDEST_C:g} to {_HOTTEST_C:g} degrees Celsius")
+    if lens_position is not None and abs(lens_position) > _FARTHEST_STEP:
+        raise UsageError(
+            f"--lens-position {lens_position}: give what the camera counts, {-_FARTHEST_STEP} to {_FARTHEST_STEP}"
+        )
 
 
 def seam_of(found: Given) -> Seam | None:

@@ -6,6 +6,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from prismstereo_calibration.common_field import SIDES
 from prismstereo_calibration.judging.summary import summary
 from prismstereo_calibration.rectification import rectification
 
@@ -13,6 +14,7 @@ if TYPE_CHECKING:
     from prismstereo_calibration.boards.board import Board
     from prismstereo_calibration.judging.quality import Quality
     from prismstereo_calibration.light.seam import Seam
+    from prismstereo_calibration.photometry import Photometry
     from prismstereo_calibration.solving.solve import Solution
 
 __all__ = ["account", "lines"]
@@ -46,11 +48,24 @@ def account(
             }
             for one in calibration.outputs
         ],
+        "light": None if calibration.photometry is None else _light(calibration.photometry),
+        "masked_share": None
+        if calibration.mask is None
+        else {"left": calibration.mask.shares("left"), "right": calibration.mask.shares("right")},
+        "lens_position": calibration.lens_position,
+        "temperature_c": calibration.temperature_c,
         f"range_min_{suffix}": window.nearest,
         f"range_max_{suffix}": window.farthest,
         "labels": window.labels,
         "out": out,
         "further_views": others,
+    }
+
+
+def _light(photometry: Photometry) -> dict[str, object]:
+    return {
+        side: {"gain_min": float(view.gain.min()), "gain_max": float(view.gain.max()), "black_grey": view.black_grey}
+        for side, view in (("left", photometry.left), ("right", photometry.right))
     }
 
 
@@ -79,6 +94,13 @@ def lines(
         f"  {one.name:<19} {one.scale:.5f} times the video, shifted by {one.shift_x_px:.2f}, {one.shift_y_px:.2f} px"
         for one in calibration.outputs
     ]
+    if calibration.photometry is not None:
+        grids = calibration.photometry.left.gain, calibration.photometry.right.gain
+        least, most = min(float(grid.min()) for grid in grids), max(float(grid.max()) for grid in grids)
+        told.append(f"  light               evened out by gains of {least:.2f} to {most:.2f}")
+    if calibration.mask is not None:
+        shares = (sum(calibration.mask.shares(side).values()) for side in SIDES)
+        told.append("  never matched       {:.1%} of the left view, {:.1%} of the right one".format(*shares))
     told += [
         f"  triangulation gap   {gap.mean:.4f} {unit} (variance {gap.variance:.2g})",
         f"  plane fit           {quality.plane_fit.mean:.4f} {unit} (variance {quality.plane_fit.variance:.2g}), "

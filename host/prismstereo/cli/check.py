@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING
 
 import click
 
-from prismstereo.cli.output import json_option, say, with_progress
+from prismstereo.cli.output import Ticker, json_option, say, with_progress
 from prismstereo_hw.errors import UsageError
 
 if TYPE_CHECKING:
     from prismstereo.frames import BoardFrames
+    from prismstereo_calibration.boards.board import Board
     from prismstereo_calibration.model import Calibration
-    from prismstereo_calibration.upkeep.check import Check
+    from prismstereo_calibration.upkeep.check import Check, State
     from prismstereo_calibration.upkeep.focus import BoardFindings
     from prismstereo_calibration.upkeep.mount import Mount
 
@@ -46,30 +47,57 @@ def command(
     The answer is fine, refine or recalibrate, with the figures and their limits. Without a board the scale of lengths and the
     focus cannot be seen. Exit code 1 unless all is fine.
     """
+    from prismstereo.cli.calibrate_input import require_state
     from prismstereo.frames import BoardFrames, expand, named_frames
     from prismstereo_calibration.store import read
-    from prismstereo_calibration.upkeep.check import State, check
+    from prismstereo_calibration.upkeep.check import check
     from prismstereo_calibration.upkeep.matcher import SceneMatcher
     from prismstereo_calibration.upkeep.mount import mount_for
 
     if board is None and square_mm is not None:
         raise UsageError("--square-mm is the side of a board's square: say which board with --board")
+    require_state(lens_position, temperature_c)
     unit = read(calibration)
+    shown = None if board is None else _board_of(board, square_mm, unit)
+    state = _state(unit, calibration, lens_position, temperature_c)
     mount, matcher, files = mount_for(unit, rig), SceneMatcher(unit), expand(frames)
     scenes = [matcher.match(name, frame) for name, frame in with_progress(named_frames(frames), len(files), "matching")]
-    seen = None if board is None else _board(unit, BoardFrames(files), board, square_mm, mount)
-    found = check(unit, scenes, mount, board=seen, state=State(lens_position, temperature_c))
+    seen = None if shown is None else _findings(unit, BoardFrames(files), shown, mount)
+    found = check(unit, scenes, mount, board=seen, state=state)
     say(_object(found, unit), _lines(found, unit), as_json=as_json)
     return 0 if found.advice == "fine" else 1
 
 
-def _board(unit: Calibration, frames: BoardFrames, name: str, square_mm: float | None, mount: Mount) -> BoardFindings:
+def _state(unit: Calibration, path: Path, lens_position: int | None, temperature_c: float | None) -> State:
+    from prismstereo_calibration.upkeep.check import State
+
+    for option, given, known in (
+        ("--lens-position", lens_position, unit.lens_position),
+        ("--temperature-c", temperature_c, unit.temperature_c),
+    ):
+        if given is not None and known is None:
+            click.echo(f"note: {path} does not say its own, so {option} is held against nothing", err=True)
+    return State(lens_position, temperature_c)
+
+
+def _board_of(name: str, square_mm: float | None, unit: Calibration) -> Board:
     from prismstereo_calibration.boards.board import Board
+
+    board = Board.parse(name, square_mm)
+    if board.unit != unit.unit:
+        raise UsageError(
+            f"the board is given in {board.unit}, but the calibration is in {unit.unit}: give --square-mm to both or to none"
+        )
+    return board
+
+
+def _findings(unit: Calibration, frames: BoardFrames, board: Board, mount: Mount) -> BoardFindings:
     from prismstereo_calibration.boards.detect import detect
     from prismstereo_calibration.upkeep.focus import board_findings
 
-    board = Board.parse(name, square_mm)
-    return board_findings(unit, detect(frames, unit.views, board).sightings, board, mount)
+    return board_findings(
+        unit, detect(frames, unit.views, board, progress=Ticker("looking for the board")).sightings, board, mount
+    )
 
 
 def _object(found: Check, unit: Calibration) -> dict[str, object]:
