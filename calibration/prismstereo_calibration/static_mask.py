@@ -20,9 +20,9 @@ from prismstereo_calibration.errors import CalibrationError
 from prismstereo_hw.view import Side
 
 if TYPE_CHECKING:
-    from prismstereo_calibration.rectification import Rectification
+    pass
 
-__all__ = ["StaticMask", "StaticMaskPart", "StaticReason", "ViewMaskPart", "of_part", "part_of", "rectified"]
+__all__ = ["StaticMask", "StaticMaskPart", "StaticReason", "ViewMaskPart", "of_part", "part_of"]
 
 _MOST_BYTES = 32 * 1024  # deflated, of one view: both fit into the calibration file
 _LARGEST_SIDE_PX = 16384
@@ -88,19 +88,6 @@ class StaticMask:
         """Return the share 0..1 of a view's pixels that each reason has, by its name."""
         counts = np.bincount(self.of(side).ravel(), minlength=len(StaticReason))
         return {reason.name.lower(): float(counts[reason] / counts.sum()) for reason in StaticReason if reason}
-
-
-def rectified(mask: StaticMask, rectification: Rectification, side: Side) -> NDArray[np.uint8]:
-    """Return the reason of every rectified pixel of a view, (height, width) uint8: that of the nearest pixel it comes from.
-
-    Where the rectified picture shows nothing of the view, that is `OUTSIDE`.
-    """
-    sources = rectification.sources(rectification.left if side == "left" else rectification.right)
-    seen = np.isfinite(sources[..., 0])
-    nearest = np.rint(sources[seen]).astype(np.intp)
-    reasons = np.full(seen.shape, StaticReason.OUTSIDE, np.uint8)
-    reasons[seen] = mask.of(side)[nearest[:, 1], nearest[:, 0]]
-    return reasons
 
 
 def part_of(mask: StaticMask) -> StaticMaskPart:

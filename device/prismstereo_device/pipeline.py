@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from prismstereo_calibration.model import Calibration
 from prismstereo_calibration.rectification import rectification
-from prismstereo_calibration.static_mask import rectified as rectified_reasons
+from prismstereo_calibration.rectified_reasons import rectified_reasons
 from prismstereo_device.disparity import DisparityMap
 from prismstereo_device.filters import FilterChain, explained
 from prismstereo_device.match import DEFAULT, create

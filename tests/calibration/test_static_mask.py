@@ -20,13 +20,13 @@ from prismstereo_calibration.light.measured_mask import measured_mask
 from prismstereo_calibration.light.seam import Seam
 from prismstereo_calibration.model import Calibration
 from prismstereo_calibration.rectification import rectification
+from prismstereo_calibration.rectified_reasons import rectified_reasons
 from prismstereo_calibration.static_mask import (
     StaticMask,
     StaticMaskPart,
     StaticReason,
     of_part,
     part_of,
-    rectified,
 )
 from prismstereo_hw.coverage import coverage
 from prismstereo_hw.errors import UsageError
@@ -143,7 +143,7 @@ def test_a_mask_of_a_full_frame_takes_less_than_eight_kilobytes_and_comes_back(m
 
 def test_every_rectified_pixel_has_the_reason_of_the_pixel_it_comes_from(oak: Rig, mask: StaticMask) -> None:
     rectify = rectification(Calibration.nominal(oak))
-    reasons = rectified(mask, rectify, "left")
+    reasons = rectified_reasons(mask, rectify, "left")
     sources = rectify.sources(rectify.left)
 
     assert reasons.shape == (rectify.height, rectify.width)

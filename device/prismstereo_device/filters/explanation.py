@@ -50,7 +50,7 @@ def explained(
 
     `left` and `right` are the grey rectified pictures (height, width) uint8 that were matched, `left_seen` (height, width) bool
     tells where the left one shows anything, and `static` (height, width) uint8 holds the calibration's codes of the left
-    rectified picture (`static_mask.rectified`). `ImageError` for sizes that differ.
+    rectified picture (`rectified_reasons`). `ImageError` for sizes that differ.
     """
     _check(disparity, left, right, left_seen, static)
     shape = left.shape

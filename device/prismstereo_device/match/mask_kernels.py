@@ -1,4 +1,4 @@
-"""One pass over a disparity map: round it, and drop what has no partner in the right picture or lies where a view shows nothing."""
+"""One pass over a disparity map: round it, drop what has no partner in the right picture or lies where a view is blind."""
 
 from __future__ import annotations
 
