@@ -1,6 +1,15 @@
-"""The baseline disparity codec against a 16-bit PNG of the same map, at 640 x 720: milliseconds and bits per pixel."""
+"""Both disparity codecs against PNG, and JPEG-LS and FFV1 where installed, at 640 x 720: milliseconds and bits per pixel.
+
+Peers round as codec 2 does: the map is quantised to the same bound first, JPEG-LS has a bound of its own.
+"""
 
 from __future__ import annotations
+
+from collections.abc import Callable
+from fractions import Fraction
+from importlib import import_module
+from importlib.util import find_spec
+from typing import Any
 
 import cv2
 import numpy as np
@@ -8,12 +17,15 @@ from numpy.typing import NDArray
 
 from benchmarks.row import BenchRow, interleave
 from prismstereo_device import codec
+from prismstereo_device.codec import compact
 
 HEIGHT, WIDTH = 720, 640
 LABELS = 96
 
+Map = NDArray[np.uint16]
 
-def matched_map() -> NDArray[np.uint16]:
+
+def matched_map() -> Map:
     """Match a textured scene of slanted planes by SGBM: (720, 640) uint16 sixteenths with real matching noise."""
     random = np.random.default_rng(2)
     texture = sum(
@@ -41,27 +53,94 @@ def matched_map() -> NDArray[np.uint16]:
     return np.maximum(matcher.compute(*views), 0).astype(np.uint16)
 
 
-def decode(stripes: list[bytes]) -> NDArray[np.uint16]:
-    """Restore the whole map."""
-    rows = codec.rows_per_stripe(WIDTH)
-    heights = [min(rows, HEIGHT - top) for top in range(0, HEIGHT, rows)]
-    return np.concatenate(
-        [codec.decode_stripe(stripe, height, WIDTH) for stripe, height in zip(stripes, heights, strict=True)]
-    )
+def heights(shape: tuple[int, ...]) -> list[int]:
+    """Give the rows of each stripe of a map."""
+    rows = codec.rows_per_stripe(shape[1])
+    return [min(rows, shape[0] - top) for top in range(0, shape[0], rows)]
+
+
+def decode(stripes: list[bytes], shape: tuple[int, ...]) -> Map:
+    """Restore a whole map of codec 1."""
+    parts = zip(stripes, heights(shape), strict=True)
+    return np.concatenate([codec.decode_stripe(stripe, rows, shape[1]) for stripe, rows in parts])
+
+
+def decode_compact(encoded: compact.EncodedMap, shape: tuple[int, ...], bound: int) -> Map:
+    """Restore a whole map of codec 2, its tables included."""
+    tables = compact.Tables.read(encoded.tables, bound)
+    parts = zip(encoded.stripes, heights(shape), strict=True)
+    return np.concatenate([compact.decode_stripe(stripe, rows, shape[1], bound, tables) for stripe, rows in parts])
+
+
+def quantised(steps: Map, bound: int) -> Map:
+    """Round to multiples of 2 * bound + 1, in numbers of them plus one; 0 stays 0."""
+    step = 2 * bound + 1
+    return np.where(steps == 0, 0, (steps.astype(np.int32) + bound) // step + 1).astype(np.uint16)
+
+
+def ffv1(steps: Map) -> bytes:
+    """Compress one key frame of 16-bit grey by FFV1 level 3 on one thread."""
+    av: Any = import_module("av")
+    context = av.CodecContext.create("ffv1", "w")
+    context.width, context.height, context.pix_fmt = steps.shape[1], steps.shape[0], "gray16le"
+    context.time_base, context.thread_count = Fraction(1, 30), 1
+    context.options = {"level": "3"}
+    packets = context.encode(av.VideoFrame.from_ndarray(steps, format="gray16le")) + context.encode(None)
+    return b"".join(map(bytes, packets))
+
+
+def png(steps: Map) -> bytes:
+    """Compress to a 16-bit PNG."""
+    return bytes(cv2.imencode(".png", steps)[1])
+
+
+def peers(bound: int) -> dict[str, Callable[[Map], bytes]]:
+    """Give what can be compared with here, by name: each turns a map into bytes within the bound."""
+    known: dict[str, Callable[[Map], bytes]] = {
+        "zstd (codec 1)": lambda steps: b"".join(codec.encode(quantised(steps, bound))),
+        "16-bit PNG (OpenCV)": lambda steps: png(quantised(steps, bound)),
+    }
+    if find_spec("imagecodecs"):
+        encode: Any = import_module("imagecodecs").jpegls_encode
+        known["JPEG-LS (CharLS)"] = lambda steps: bytes(encode(steps, level=bound))
+    if find_spec("av"):
+        known["FFV1 (FFmpeg)"] = lambda steps: ffv1(quantised(steps, bound))
+    return known
+
+
+def bits(size: int, steps: Map) -> float:
+    """Give bits per pixel."""
+    return 8 * size / steps.size
 
 
 def measure() -> list[BenchRow]:
-    """Time encoding and decoding in turn with PNG; both must give the map back exactly."""
+    """Time encoding and decoding in turn with the peers; every map must come back within its bound."""
     steps = matched_map()
-    stripes = codec.encode(steps)
-    png = cv2.imencode(".png", steps)[1]
-    assert np.array_equal(decode(stripes), steps)
-    assert np.array_equal(cv2.imdecode(png, cv2.IMREAD_UNCHANGED), steps)
-    size = f"{8 * sum(map(len, stripes)) / steps.size:.2f} bits per pixel, PNG {8 * png.size / steps.size:.2f}"
-    encoding = interleave(lambda: codec.encode(steps), lambda: cv2.imencode(".png", steps))
-    decoding = interleave(lambda: decode(stripes), lambda: cv2.imdecode(png, cv2.IMREAD_UNCHANGED))
+    stripes, picture = codec.encode(steps), cv2.imencode(".png", steps)[1]
+    assert np.array_equal(decode(stripes, steps.shape), steps)
     density = f"{100 * np.count_nonzero(steps) / steps.size:.0f} % matched"
-    return [
-        BenchRow("disparity to bytes, 640x720", encoding[0], "16-bit PNG (OpenCV)", encoding[1], f"{size}; {density}"),
-        BenchRow("bytes to disparity, 640x720", decoding[0], "16-bit PNG (OpenCV)", decoding[1], size),
+    size = f"{bits(sum(map(len, stripes)), steps):.2f} bits per pixel, PNG {bits(picture.size, steps):.2f}; {density}"
+    encoding = interleave(lambda: codec.encode(steps), lambda: cv2.imencode(".png", steps))
+    decoding = interleave(lambda: decode(stripes, steps.shape), lambda: cv2.imdecode(picture, cv2.IMREAD_UNCHANGED))
+    rows = [
+        BenchRow("codec 1 encodes, 640x720", encoding[0], "16-bit PNG (OpenCV)", encoding[1], size),
+        BenchRow("codec 1 decodes, 640x720", decoding[0], "16-bit PNG (OpenCV)", decoding[1], size),
     ]
+    return rows + [row for bound in compact.BOUNDS for row in _compact_rows(steps, bound)]
+
+
+def _compact_rows(steps: Map, bound: int) -> list[BenchRow]:
+    encoded = compact.encode_stripes(steps, bound)
+    restored = decode_compact(encoded, steps.shape, bound)
+    assert np.array_equal(restored == 0, steps == 0)
+    assert np.abs(restored.astype(int) - steps).max() <= bound
+    name, size, rows = f"within {bound}/16 px", bits(encoded.size, steps), []
+    for peer, compress in peers(bound).items():
+        note = f"{size:.2f} bits per pixel, peer {bits(len(compress(steps)), steps):.2f}"
+        ours, theirs = interleave(lambda: compact.encode_stripes(steps, bound), lambda work=compress: work(steps))
+        rows.append(BenchRow(f"codec 2 encodes {name}, 640x720", ours, peer, theirs, note))
+    picture = cv2.imencode(".png", quantised(steps, bound))[1]
+    ours, theirs = interleave(
+        lambda: decode_compact(encoded, steps.shape, bound), lambda: cv2.imdecode(picture, cv2.IMREAD_UNCHANGED)
+    )
+    return [*rows, BenchRow(f"codec 2 decodes {name}, 640x720", ours, "16-bit PNG (OpenCV)", theirs, f"{size:.2f} bpp")]
