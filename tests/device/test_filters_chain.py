@@ -26,6 +26,7 @@ from prismstereo_device.filters.range_gate import RangeGate
 from prismstereo_device.filters.spatial import Spatial
 from prismstereo_device.filters.speckle import Speckle
 from prismstereo_device.filters.temporal import Temporal
+from prismstereo_device.match import create
 from prismstereo_device.pipeline import Pipeline
 from prismstereo_device.reasons import Reason
 from prismstereo_hw.errors import ImageError, UsageError
@@ -327,7 +328,7 @@ def half_size(oak: Rig) -> tuple[DisparityMap, np.ndarray]:
     """A plane at 700 mm before an OAK-1 that is read out at half its size: what was matched, and the left picture."""
     video = Mode(width=640, height=360, rate_hz=30.0)
     rig = msgspec.structs.replace(oak, camera=msgspec.structs.replace(oak.camera, video=video))
-    pipeline = Pipeline(Calibration.nominal(rig))
+    pipeline = Pipeline(Calibration.nominal(rig), create("sgbm"))
     pair = pipeline.split(Twin(rig, facing_plane(rig, 700.0)).frame())
     return pipeline.disparity(pair), pipeline.rectifier.rectify(pair).left
 
