@@ -20,7 +20,7 @@ demo: setup
 	$(BIN)/prismstereo demo --headless -o demo
 
 test: setup
-	$(BIN)/python -m pytest -m "not soak"
+	$(BIN)/python -m pytest -m "not soak" -n 2 --dist loadfile
 
 check: setup
 	$(BIN)/ruff check .

@@ -55,7 +55,17 @@ def calibrated(rig: Rig, views: int) -> Solution:
     return solve(detect(frames, rig.views, target), target, rig=rig)
 
 
-@pytest.mark.parametrize("name", LITERATURE)
+_SLOW = {
+    "biprism",
+    "plate",
+    "three-mirrors",
+    "field-sequential",
+}  # their optics are traced, or they have several exposures
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.soak) if name in _SLOW else name for name in LITERATURE]
+)
 def test_a_rig_of_the_literature_calibrates_and_gives_depth(name: str) -> None:
     rig, allowed = half_size(name), ALLOWED.get(name, _Allowed())
     twin = Twin(rig, named(rig, "desk"), noise=1.0)

@@ -86,6 +86,7 @@ def test_one_lens_explains_the_direct_and_both_mirrored_views(data: Path) -> Non
     assert len(solution.others) == 1  # the right mirror, seen in one frame
 
 
+@pytest.mark.soak
 def test_an_inverted_board_of_which_each_camera_sees_parts_calibrates_two_lenses(data: Path) -> None:
     seen = charuco_seen(data)  # the second camera stands to the left
     exchanged = tuple(Sighting(one.name, one.pixels[::-1]) for one in seen.sightings)

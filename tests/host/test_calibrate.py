@@ -78,6 +78,7 @@ class TestWhatCannotBeCalibrated:
 
         assert "no" in self.refused(tmp_path, 4, tmp_path / "a.png", "--rig", "oak-1", "--board", "chessboard:9x7")
 
+    @pytest.mark.soak
     def test_a_board_of_another_size_is_named(self, boards: Path, tmp_path: Path) -> None:
         complaint = self.refused(tmp_path, 4, boards / "boards", "--rig", "oak-1", "--board", "chessboard:8x5")
 

@@ -79,6 +79,7 @@ def test_an_exposure_of_nothing_is_refused(little: Path, tmp_path: Path) -> None
     assert "exposure-us" in complaint_of(2, "simulate", little, "--exposure-us", 0, "-o", tmp_path / "s")
 
 
+@pytest.mark.soak
 def test_dust_warmth_and_a_rolling_shutter_reach_the_session(tmp_path: Path) -> None:
     clean, day = tmp_path / "clean", tmp_path / "day"
     result_of("simulate", "oak-1", "--scene", "plane:700", "--frames", 1, "--noise", 0, "-o", clean)
