@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from benchmarks.row import BenchRow, interleave
 from prismstereo_device import codec
 from prismstereo_device.codec import compact
+from sgbm_anchor import sgbm_anchor
 
 HEIGHT, WIDTH = 720, 640
 LABELS = 96
@@ -39,17 +40,7 @@ def matched_map() -> Map:
     right = cv2.remap(left, columns + truth, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
     noise = random.normal(0, 2.0, (2, HEIGHT, WIDTH))
     views = [np.clip(view + grain, 0, 255).astype(np.uint8) for view, grain in zip((left, right), noise, strict=True)]
-    matcher = cv2.StereoSGBM_create(
-        minDisparity=0,
-        numDisparities=LABELS,
-        blockSize=5,
-        P1=200,
-        P2=800,
-        disp12MaxDiff=1,
-        uniquenessRatio=10,
-        speckleWindowSize=100,
-        speckleRange=2,
-    )
+    matcher = sgbm_anchor(LABELS)
     return np.maximum(matcher.compute(*views), 0).astype(np.uint16)
 
 

@@ -17,6 +17,7 @@ from prismstereo_device.pipeline import Pipeline
 from prismstereo_hw.rig import Rig
 from prismstereo_hw.scene import desk
 from prismstereo_hw.twin import Twin
+from sgbm_anchor import sgbm_anchor
 
 LABELS = 128
 
@@ -25,7 +26,7 @@ def measure() -> list[BenchRow]:
     rig = Rig.read("oak-1")
     pipeline = Pipeline(Calibration.nominal(rig))
     pair = pipeline.rectifier.rectify(pipeline.split(Twin(rig, desk(rig), noise=1.5).frame()))
-    anchor = cv2.StereoSGBM.create(0, LABELS, 5, 200, 800, 1, 0, 10, 100, 2, cv2.STEREO_SGBM_MODE_SGBM)
+    anchor = sgbm_anchor(LABELS)
     sixteenths = anchor.compute(pair.left, pair.right)
     found = np.where(sixteenths < 0, np.nan, sixteenths / np.float32(16)).astype(np.float32)
     matched = DisparityMap(found, pair.window)

@@ -27,6 +27,7 @@ from prismstereo_device.split import split
 from prismstereo_hw.rig import Rig
 from prismstereo_hw.scene import desk
 from prismstereo_hw.twin import Twin
+from sgbm_anchor import sgbm_anchor
 
 LABELS = 128
 CROP_ROW, CROP_COLUMN, MOVED_PX = 330, 40, 30  # aloe's crop then has disparities 17 .. 109
@@ -71,13 +72,9 @@ def _whole_match(pair: RectifiedPair) -> BenchRow:
     return BenchRow("match() tiles, masks and all", ours, "match() sgbm, both views, refined", peer, "desk of the twin")
 
 
-def _anchor(labels: int) -> cv2.StereoSGBM:
-    return cv2.StereoSGBM.create(0, -(-labels // 16) * 16, 5, 200, 800, 1, 0, 10, 100, 2, cv2.STEREO_SGBM_MODE_SGBM)
-
-
 def _speed(scene: str, left: np.ndarray, right: np.ndarray) -> list[BenchRow]:
     """Wall and CPU time of each matcher beside the anchor's, and the wall time of tiles beside StereoBM's."""
-    anchor, block = _anchor(LABELS), cv2.StereoBM.create(LABELS, 15)
+    anchor, block = sgbm_anchor(LABELS), cv2.StereoBM.create(LABELS, 15)
     rows = []
     for name, make in MATCHERS.items():
         matcher = make()
@@ -122,7 +119,7 @@ def _quality(data: Path) -> list[BenchRow]:
     bad: dict[str, list[tuple[float, float]]] = {}
     for left_name, right_name, truth, scale, labels in PAIRS.values():
         left, right, true_px = _grey(data / left_name), _grey(data / right_name), _grey(data / truth) / scale
-        steps = _anchor(labels).compute(left, right)
+        steps = sgbm_anchor(labels).compute(left, right)
         found = {name: make().search(left, right, Search(labels)).disparity_px for name, make in MATCHERS.items()}
         found["StereoSGBM"] = np.where(steps < 0, np.nan, steps / np.float32(16))
         judged = (true_px > 0) & _seen(true_px)

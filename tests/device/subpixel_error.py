@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 
 from prismstereo_device.rectify import RectifiedPair
+from sgbm_anchor import sgbm_anchor
 
 __all__ = ["inliers", "locking_px", "rms_px", "semi_global_steps"]
 
 
 def semi_global_steps(pair: RectifiedPair) -> np.ndarray:
     """OpenCV's semi-global map in sixteenths, with the settings that all comparisons use."""
-    labels = -(-pair.window.labels // 16) * 16
-    matcher = cv2.StereoSGBM.create(
-        minDisparity=0, numDisparities=labels, blockSize=5, P1=200, P2=800, disp12MaxDiff=1, uniquenessRatio=10,
-        speckleWindowSize=100, speckleRange=2, mode=cv2.STEREO_SGBM_MODE_SGBM,
-    )  # fmt: skip
-    return np.asarray(matcher.compute(pair.left, pair.right), np.int16)
+    return np.asarray(sgbm_anchor(pair.window.labels).compute(pair.left, pair.right), np.int16)
 
 
 def inliers(steps: np.ndarray, truth_px: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

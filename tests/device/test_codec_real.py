@@ -10,6 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from prismstereo_device.codec.compact import encode_stripes
+from sgbm_anchor import sgbm_anchor
 
 Map = NDArray[np.uint16]
 
@@ -20,17 +21,7 @@ def matched_pair(left: Path, right: Path, largest_px: int) -> Map:
     height, width = views[0].shape
     scale = max(720 / height, 640 / width)
     views = [cv2.resize(view, None, fx=scale, fy=scale, interpolation=cv2.INTER_CUBIC)[:720, :640] for view in views]
-    matcher = cv2.StereoSGBM_create(
-        minDisparity=0,
-        numDisparities=-(-int(largest_px * scale + 2) // 16) * 16,
-        blockSize=5,
-        P1=200,
-        P2=800,
-        disp12MaxDiff=1,
-        uniquenessRatio=10,
-        speckleWindowSize=100,
-        speckleRange=2,
-    )
+    matcher = sgbm_anchor(int(largest_px * scale + 2))
     return np.maximum(matcher.compute(*views), 0).astype(np.uint16)
 
 

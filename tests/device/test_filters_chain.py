@@ -33,6 +33,7 @@ from prismstereo_hw.errors import ImageError, UsageError
 from prismstereo_hw.rig import Mode, Rig
 from prismstereo_hw.scene import facing_plane
 from prismstereo_hw.twin import Twin
+from sgbm_anchor import sgbm_anchor
 
 WINDOW = DisparityWindow(labels=128, offset_px=-1.0, scale_px=50_000.0)
 EVERY = (Speckle(largest_pixels=3), Clean(), Spatial(), Temporal(), Holes(), Decimate())
@@ -370,7 +371,7 @@ def test_cleaning_takes_a_twentieth_of_the_errors_at_real_edges(
     if not folder.is_dir():
         pytest.skip(f"real data: {folder} is not there")
     left, right, truth = (cv2.imread(str(folder / file), cv2.IMREAD_GRAYSCALE) for file in files)
-    anchor = cv2.StereoSGBM.create(0, labels, 5, 200, 800, 1, 0, 10, 100, 2, cv2.STEREO_SGBM_MODE_SGBM)
+    anchor = sgbm_anchor(labels)
     disparity = anchor.compute(left, right).astype(np.float32) / 16
     disparity[disparity < 0] = np.nan
     true = truth.astype(np.float32) / scale

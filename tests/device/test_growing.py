@@ -27,6 +27,7 @@ from prismstereo_device.match.settings import MatchSettings
 from prismstereo_device.reasons import Reason
 from prismstereo_device.rectify import RectifiedPair
 from prismstereo_hw.errors import UsageError
+from sgbm_anchor import sgbm_anchor
 
 DENSE = PRESETS["dense"]
 
@@ -297,7 +298,7 @@ def test_teddy_is_matched_sparsely_and_well(data: Path) -> None:
 
 def timed_maps(left: np.ndarray, right: np.ndarray, labels: int) -> tuple[dict[str, np.ndarray], dict[str, float]]:
     """Maps of SGBM and of three growers, and processor time over SGBM's: medians of three interleaved rounds."""
-    sgbm = cv2.StereoSGBM.create(0, -(-labels // 16) * 16, 5, 200, 800, 1, 0, 10, 100, 2, cv2.STEREO_SGBM_MODE_SGBM)
+    sgbm = sgbm_anchor(labels)
     growers = {preset: GrowingMatcher(growing=PRESETS[preset]) for preset in ("published", "dense", "dgrow0")}
     seconds: dict[str, list[float]] = defaultdict(list)
     maps: dict[str, np.ndarray] = {}

@@ -16,6 +16,7 @@ from prismstereo_device.match.opencv import BlockMatcher, SgbmMatcher, ThreeWayM
 from prismstereo_device.match.settings import MatchSettings
 from prismstereo_device.reasons import Reason
 from prismstereo_device.rectify import RectifiedPair
+from sgbm_anchor import sgbm_anchor
 
 ONE_PASS = (ThreeWayMatcher, BlockMatcher)
 ALL = (*ONE_PASS, SgbmMatcher)
@@ -115,7 +116,7 @@ def test_a_region_and_whole_pixels_are_kept_to(kind: type[Matcher], rng: np.rand
 @pytest.mark.parametrize(
     ("kind", "opencvs_own"),
     [
-        (ThreeWayMatcher, cv2.StereoSGBM.create(0, 64, 5, 200, 800, 1, 0, 10, 100, 2, cv2.STEREO_SGBM_MODE_SGBM_3WAY)),
+        (ThreeWayMatcher, sgbm_anchor(64, cv2.STEREO_SGBM_MODE_SGBM_3WAY)),
         (BlockMatcher, cv2.StereoBM.create(64, 15)),
     ],
 )

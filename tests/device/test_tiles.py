@@ -18,6 +18,7 @@ from prismstereo_device.match.tiles.tiles import TilesMatcher
 from prismstereo_device.match.tiles.warm_up import warm_up
 from prismstereo_device.reasons import Reason
 from prismstereo_device.rectify import RectifiedPair
+from sgbm_anchor import sgbm_anchor
 
 BOTH = pytest.mark.parametrize("matcher", [TilesMatcher, SemiglobalMatcher])
 Sweeper = type[TilesMatcher] | type[SemiglobalMatcher]
@@ -200,9 +201,7 @@ def test_the_kernels_are_compiled_in_the_background_and_say_so(caplog: pytest.Lo
 
 
 def anchor(left: np.ndarray, right: np.ndarray, labels: int) -> np.ndarray:
-    steps = cv2.StereoSGBM.create(0, labels, 5, 200, 800, 1, 0, 10, 100, 2, cv2.STEREO_SGBM_MODE_SGBM).compute(
-        left, right
-    )
+    steps = sgbm_anchor(labels).compute(left, right)
     return np.where(steps < 0, np.nan, steps / 16.0)
 
 

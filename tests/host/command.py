@@ -1,4 +1,4 @@
-"""Run the command line as a user does: a process of its own, its output, its exit code."""
+"""Run the command line as a user does, in a process of its own; or one verb in this process, where runs are to be quick."""
 
 from __future__ import annotations
 
@@ -6,6 +6,9 @@ import json
 import subprocess
 import sys
 from typing import Any
+
+import click
+from click.testing import CliRunner
 
 
 def prismstereo(*arguments: object, module: str = "prismstereo") -> subprocess.CompletedProcess[str]:
@@ -31,3 +34,11 @@ def complaint_of(code: int, *arguments: object, module: str = "prismstereo") -> 
     lines = [line for line in done.stderr.splitlines() if line.lower().startswith("error:")]
     assert len(lines) == 1, done.stderr
     return lines[0]
+
+
+def in_process(verb: click.Command, *arguments: object) -> tuple[int, str]:
+    """Run a verb here; return its exit code and what it printed. What it raises goes on to the caller."""
+    done = CliRunner().invoke(verb, [str(one) for one in arguments], standalone_mode=False)
+    if done.exception is not None:
+        raise done.exception
+    return int(done.return_value or 0), done.stdout

@@ -8,8 +8,8 @@ from typing import Any
 
 import msgspec
 import pytest
-from click.testing import CliRunner
 
+from host.command import in_process
 from prismstereo.cli.check import command
 from prismstereo_calibration.model import Calibration
 from prismstereo_calibration.store import write
@@ -40,10 +40,7 @@ def unit(small: Rig, tmp_path: Path) -> Path:
 
 
 def run(*arguments: object) -> tuple[int, str]:
-    done = CliRunner().invoke(command, [str(one) for one in arguments], standalone_mode=False)
-    if done.exception is not None:
-        raise done.exception
-    return int(done.return_value or 0), done.stdout
+    return in_process(command, *arguments)
 
 
 def result_of(*arguments: object) -> tuple[int, dict[str, Any]]:

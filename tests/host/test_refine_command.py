@@ -10,8 +10,8 @@ import cv2
 import msgspec
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
+from host.command import in_process
 from prismstereo.cli.refine import command
 from prismstereo_calibration.errors import CalibrationError
 from prismstereo_calibration.model import Calibration
@@ -52,10 +52,7 @@ def unit(small: Rig, tmp_path: Path) -> Path:
 
 
 def run(*arguments: object) -> tuple[int, str]:
-    done = CliRunner().invoke(command, [str(one) for one in arguments], standalone_mode=False)
-    if done.exception is not None:
-        raise done.exception
-    return int(done.return_value or 0), done.stdout
+    return in_process(command, *arguments)
 
 
 def test_a_crept_unit_is_refined_and_one_command_goes_back(scenes: Path, unit: Path, pinhole_z_small_mm: float) -> None:
