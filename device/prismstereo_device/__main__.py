@@ -11,6 +11,7 @@ import logging
 import secrets
 import signal
 import sys
+import time
 import uuid
 from dataclasses import asdict
 from pathlib import Path
@@ -18,7 +19,8 @@ from pathlib import Path
 from prismstereo_calibration import flash, schema
 from prismstereo_calibration.model import Calibration
 from prismstereo_device.camera import CameraSource
-from prismstereo_device.filters import PRESETS, chain
+from prismstereo_device.filters import PRESETS, FilterChain, chain
+from prismstereo_device.filters import warm_up as warm_up_filters
 from prismstereo_device.link import Link
 from prismstereo_device.match import DEFAULT, MATCHERS, create, warm_up
 from prismstereo_device.pipeline import Pipeline
@@ -86,13 +88,14 @@ def _positive(text: str) -> int:
     return int(text)
 
 
-def _warm_up(matcher: str, labels: int) -> None:
-    """Begin to compile the matcher, and say so if that takes longer than reading what was compiled before."""
-    compiling = warm_up(matcher, labels)
-    if compiling is None:
-        return
-    compiling.join(_SOON_S)
-    if compiling.is_alive():
+def _warm_up(matcher: str, labels: int, filters: FilterChain | None) -> None:
+    """Begin to compile matcher and filters, and say so if that takes longer than reading what was compiled before."""
+    begun = [warm_up(matcher, labels), None if filters is None else warm_up_filters(filters)]
+    compiling = [thread for thread in begun if thread is not None]
+    until_s = time.monotonic() + _SOON_S
+    for thread in compiling:
+        thread.join(max(0.0, until_s - time.monotonic()))
+    if any(thread.is_alive() for thread in compiling):
         print("compiling the matcher for this processor: some seconds, this once", file=sys.stderr, flush=True)
 
 
@@ -106,7 +109,7 @@ def _serve(options: argparse.Namespace) -> None:
         calibration = _calibration(options.calibration, sensor)
         source = CameraSource(sensor, Pipeline(calibration, matcher, filters=filters))
         identity = DeviceIdentity(uuid.getnode().to_bytes(8, "big"), secrets.randbits(32))
-        _warm_up(options.matcher, calibration.range.labels)
+        _warm_up(options.matcher, calibration.range.labels, filters)
         with _link(options) as link:
             service = Service(source, link, identity, flash.pack(calibration), lossless=options.lossless)
             _stop_on_signals(service)

@@ -12,7 +12,9 @@ import pytest
 from device.shifted_noise import grey, noise, shifted
 from prismstereo_calibration.window import DisparityWindow
 from prismstereo_device.match.base import Found, Search
+from prismstereo_device.match.mask_kernels import settle
 from prismstereo_device.match.settings import MatchSettings
+from prismstereo_device.match.subpixel_kernels import refine_rows
 from prismstereo_device.match.tiles.semiglobal import SemiglobalMatcher
 from prismstereo_device.match.tiles.tiles import TilesMatcher
 from prismstereo_device.match.tiles.warm_up import warm_up
@@ -195,6 +197,8 @@ def test_the_kernels_are_compiled_in_the_background_and_say_so(caplog: pytest.Lo
         thread.join(120)
     assert not thread.is_alive()
     assert "ready after" in caplog.text
+    for kernel in (refine_rows, settle):  # the first frame meets them too
+        assert kernel.signatures
 
 
 # ---- real pictures with known truth

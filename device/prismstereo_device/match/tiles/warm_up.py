@@ -8,7 +8,8 @@ from threading import Thread
 
 import numpy as np
 
-from prismstereo_device.match.base import Search
+from prismstereo_calibration.window import DisparityWindow
+from prismstereo_device.rectify import RectifiedPair
 
 __all__ = ["warm_up"]
 
@@ -29,9 +30,11 @@ def warm_up(labels: int = 128) -> Thread:
 
 
 def _compile(labels: int) -> None:
+    from prismstereo_device.match.subpixel import refine_steps
     from prismstereo_device.match.tiles.tiles import TilesMatcher
 
     begin = time.perf_counter()
     picture = np.random.default_rng(0).integers(0, 256, (_ROWS, _COLUMNS), np.uint8)
-    TilesMatcher().search(picture, picture, Search(labels, threads=2))
+    pair = RectifiedPair(picture, picture, DisparityWindow(labels))
+    TilesMatcher(refine=refine_steps).match(pair)  # all that a frame meets: the sweeps, sub-pixels, masks
     logger.info("the matcher is ready after %.1f s", time.perf_counter() - begin)
