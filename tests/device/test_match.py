@@ -49,8 +49,7 @@ def test_a_plane_comes_back_at_its_distance_within_a_quarter_pixel_of_depth(
     pinhole_z_mm: float,
     plane_matched: Callable[[float], DisparityMap],
 ) -> None:
-    # the near end is a depth, not a distance from the pupil. Nearer still, a window of whole 16 labels reaches a little
-    # on, but there the glass alone is a quarter pixel for an OAK-1: no pinhole sees what its prism shows
+    # the near end is a depth, not a distance from the pupil
     window = rectified.window
     z_mm = rig.range.near_mm + pinhole_z_mm if isinstance(distance_mm, str) else distance_mm
     true_mm = z_mm - pinhole_z_mm

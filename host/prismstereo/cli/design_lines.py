@@ -46,7 +46,7 @@ def design_lines(design: Design) -> list[str]:
         f"{changes.prism_side_mm_per_mm:.2f} per mm of the prism's side",
         f"  from the drawing    {_by_distance(built.error_from_drawing_mm, 0)} typical depth error, uncalibrated "
         f"({built.units} units drawn, seed {built.seed})",
-        f"  after calibration   {_by_distance(built.error_calibrated_mm, 2)}: what no pinhole follows",
+        f"  after calibration   {_by_distance(built.error_calibrated_mm, 2)}: what no pinhole follows (without the glass)",
         f"  after a creep       of {built.creep_deg:g} deg {_by_distance(built.error_after_creep_mm, 1)}: check again",
         *(f"  limit               {limit.says}" for limit in design.limits),
     ]

@@ -31,7 +31,7 @@ ABSORBED = (
     "distance of the prism, its size and its index: they shift the viewpoints and scale the focal length",
 )
 REMAINING = (
-    "what of the glass no pinhole can follow",
+    "what of the glass no pinhole can follow, where a unit is calibrated without its glass",
     "columns that a displaced mirror or prism cuts off",
     "anything that moves after calibration",
 )
