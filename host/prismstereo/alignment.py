@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from prismstereo import alignment_mends as mends
 from prismstereo.matched_rows import MatchedRows, matched_rows
-from prismstereo_calibration.light.seam import Seam, find_seam
+from prismstereo_calibration.seam import Seam, find_seam
 from prismstereo_hw.errors import ImageError, UsageError
 from prismstereo_hw.frame import RawFrame
 from prismstereo_hw.kinds.prism_tir import PrismRig

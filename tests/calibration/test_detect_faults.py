@@ -17,7 +17,7 @@ from prismstereo_calibration.boards.corners import Found, Refusal, find_corners,
 from prismstereo_calibration.boards.detect import detect
 from prismstereo_calibration.boards.detection import NamedFrame
 from prismstereo_calibration.errors import CalibrationError
-from prismstereo_calibration.light.seam import Seam
+from prismstereo_calibration.seam import Seam
 from prismstereo_hw.view import View, layout
 
 CHESS, CHARUCO, GRID = Board(9, 7), Board.parse("charuco:11x8"), Board.parse("aprilgrid:6x4")

@@ -14,7 +14,7 @@ from prismstereo_calibration.boards.detection import NamedFrame
 from prismstereo_calibration.errors import CalibrationError
 from prismstereo_calibration.light.flat_field import measure
 from prismstereo_calibration.light.matched_gain import gain_between
-from prismstereo_calibration.light.seam import Seam
+from prismstereo_calibration.seam import Seam
 from prismstereo_calibration.model import Calibration
 from prismstereo_calibration.photometry import (
     GainMap,

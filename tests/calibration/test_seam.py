@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from prismstereo_calibration.light.seam import OWN_LIGHT, find_seam
+from prismstereo_calibration.seam import OWN_LIGHT, find_seam
 from prismstereo_hw.errors import ImageError
 from prismstereo_hw.rig import Rig
 from prismstereo_hw.scene import facing_plane

@@ -20,7 +20,7 @@ from prismstereo_calibration.boards.explanation import another_board, explain, r
 from prismstereo_calibration.boards.marker_corners import too_few
 from prismstereo_calibration.boards.refusal import Refusal
 from prismstereo_calibration.errors import CalibrationError
-from prismstereo_calibration.light.seam import Seam
+from prismstereo_calibration.seam import Seam
 from prismstereo_hw.view import View
 
 __all__ = ["Progress", "detect", "find_corners"]

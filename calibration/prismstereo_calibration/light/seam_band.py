@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from prismstereo_calibration.common_field import raw_pixels
-from prismstereo_calibration.light.seam import Seam
+from prismstereo_calibration.seam import Seam
 from prismstereo_hw.errors import UsageError
 from prismstereo_hw.view import View
 

@@ -16,7 +16,7 @@ from prismstereo_hw.view import LAYOUTS, View, read_layout
 from prismstereo_hw.view import layout as layout_by_name
 
 if TYPE_CHECKING:
-    from prismstereo_calibration.light.seam import Seam
+    from prismstereo_calibration.seam import Seam
 
 __all__ = ["Given", "board_of", "given", "require_state", "seam_of"]
 
@@ -131,7 +131,7 @@ def require_state(lens_position: int | None, temperature_c: float | None) -> Non
 
 def seam_of(found: Given) -> Seam | None:
     """Find the seam between views that stand side by side behind one lens; None where there is none to be seen."""
-    from prismstereo_calibration.light.seam import find_seam
+    from prismstereo_calibration.seam import find_seam
 
     beside = found.views[:2] in (LAYOUTS["side-by-side"], LAYOUTS["swapped"])
     if found.rig is None or not beside or found.views[0].exposures > 1:
