@@ -26,7 +26,7 @@ def least_squares(projected: Callable[[Array], Array], pixels: Array, start: Arr
             for step, unit in zip(steps, np.eye(len(start)), strict=True)
         ]
         jacobian = np.stack(columns, axis=1)
-        scale = 1 / np.linalg.norm(jacobian, axis=0)
+        scale = 1 / np.maximum(np.linalg.norm(jacobian, axis=0), np.finfo(float).tiny)  # a parameter that moves nothing
         change = np.linalg.lstsq(jacobian * scale, pixels.ravel() - here, rcond=1e-8)[0]
         parameters = parameters + scale * change
     return parameters

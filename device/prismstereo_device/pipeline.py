@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+
 from prismstereo_calibration.model import Calibration
 from prismstereo_calibration.rectification import rectification
 from prismstereo_calibration.rectified_reasons import rectified_reasons
@@ -9,7 +11,7 @@ from prismstereo_device.disparity import DisparityMap
 from prismstereo_device.filters import FilterChain, explained
 from prismstereo_device.match import DEFAULT, create
 from prismstereo_device.match.base import Matcher
-from prismstereo_device.rectify import Rectifier
+from prismstereo_device.rectify import RectifiedPair, Rectifier
 from prismstereo_device.split import StereoPair, split
 from prismstereo_hw.frame import RawFrame
 from prismstereo_hw.rig import RangeWish
@@ -42,6 +44,14 @@ class Pipeline:
         mask = calibration.mask
         self._static = None if mask is None or not explain else rectified_reasons(mask, made, "left")
 
+    def with_matcher(self, matcher: Matcher, *, explain: bool) -> Pipeline:
+        """Give a pipeline that matches so from the next frame on; maps, and what filters remember, are shared with this one."""
+        other = copy.copy(self)
+        other._matcher, other._explain = matcher, explain
+        if explain and self._static is None and self.calibration.mask is not None:
+            other._static = rectified_reasons(self.calibration.mask, self.rectifier.rectification, "left")
+        return other
+
     def split(self, frame: RawFrame) -> StereoPair:
         """Cut a frame into its views; `CalibrationError` when it is not of this calibration's size or focus."""
         self.calibration.require_frame(frame)
@@ -49,7 +59,10 @@ class Pipeline:
 
     def disparity(self, pair: StereoPair) -> DisparityMap:
         """Rectify and match one pair; give unmatched pixels their reasons if that was asked for, and filter."""
-        rectified = self.rectifier.rectify(pair)
+        return self.match(self.rectifier.rectify(pair))
+
+    def match(self, rectified: RectifiedPair) -> DisparityMap:
+        """Do what `disparity` does after rectifying."""
         found = self._matcher.match(rectified)
         if self._explain:
             found = explained(found, rectified.left, rectified.right, rectified.left_seen, self._static)

@@ -1,8 +1,9 @@
 """The camera's service: frames of a source to whichever host says hello.
 
-Three threads: one computes (it sits in the source), one listens and keeps the pulse, one writes. A source that computes
-for seconds so delays no answer and no heartbeat. The newest frame wins: what the line has no room for is dropped before
-it is compressed, and counted. A *lossless* service makes the source wait instead.
+Four threads: one computes (it sits in the source), one listens and keeps the pulse, one writes, one reads and writes objects. A
+source that computes for seconds, or a calibration that takes long to store, so delays no answer and no heartbeat. The newest
+frame wins: what the line has no room for is dropped before it is compressed, and counted. A *lossless* service makes the source
+wait instead.
 """
 
 from __future__ import annotations
@@ -11,75 +12,45 @@ import logging
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 from types import TracebackType
 from typing import Self
 
-from prismstereo_device.framing import Deframer, LineStatistics, Packet
+from prismstereo_device.answers import BulkAnswers, Commands, NoCommands, answer_command
+from prismstereo_device.device_identity import DeviceIdentity
+from prismstereo_device.fixed_objects import FixedObjects
+from prismstereo_device.framing import Deframer, Packet
 from prismstereo_device.link import Link
-from prismstereo_device.protocol import (
-    CALIBRATION,
-    FrameAck,
-    Health,
-    HealthFlag,
-    Hello,
-    HelloKind,
-    HelloReply,
-    Ping,
-    Pong,
-    ReadRequest,
-    answer_read,
-    calibration_hash,
-    read_control,
-    read_hello,
-)
+from prismstereo_device.objects import Objects
+from prismstereo_device.protocol.control import FrameAck, Ping, Pong, read_control
+from prismstereo_device.protocol.health import HealthFlag
+from prismstereo_device.protocol.hello import Capability, Hello, HelloKind, HelloReply, read_hello
+from prismstereo_device.pulse import Pulse, ServiceStatistics
+from prismstereo_device.rate_control import RateControl, warm_up
 from prismstereo_device.session import Session
 from prismstereo_device.source import FrameSource, ProducedFrame
+from prismstereo_device.status_led import LedState, NoLed, StatusLed
 from prismstereo_device.transmitter import Reply, Transmitter
-from prismstereo_device.wire import FIRST, LAST, LIMITS, REPLY, Channel, WireError
+from prismstereo_device.watchdog import Notifier
+from prismstereo_device.wire import FIRST, LAST, REPLY, Channel, WireError
 from prismstereo_hw.errors import PrismStereoError
 
 __all__ = ["DeviceIdentity", "FrameSource", "ProducedFrame", "Service", "ServiceStatistics"]
 
 logger = logging.getLogger(__name__)
 
-_HEALTH_PERIOD_S = 1.0
 _POLL_S = 0.05
 _JOIN_S = 10.0
-
-
-@dataclass(frozen=True, slots=True)
-class DeviceIdentity:
-    """Who the camera is: 8 bytes for life, and a 32-bit number drawn at each start."""
-
-    device_id: bytes
-    boot_id: int
-
-    def __post_init__(self) -> None:
-        """Refuse what the wire cannot carry."""
-        if len(self.device_id) != 8 or not 0 <= self.boot_id <= 0xFFFF_FFFF:
-            raise WireError(
-                f"device id {self.device_id.hex()}, boot id {self.boot_id}: the one has 8 bytes, the other 32 bits"
-            )
-
-
-@dataclass(frozen=True, slots=True)
-class ServiceStatistics:
-    """Frames `captured`, `sent` whole and `dropped`; `sessions` begun; messages not understood; packets received."""
-
-    captured: int
-    sent: int
-    dropped: int
-    sessions: int
-    ignored: int
-    line: LineStatistics
+_KICK_S = 0.5
 
 
 class Service:
     """Serves one source on one link until it is stopped; the link stays the caller's to close, after `stop`.
 
-    `calibration` are the flash bytes that a host may read (empty: none). `temperature_c` is asked once a second.
+    `objects` are what a host reads and writes by number, `commands` what runs its commands; without them there is nothing to
+    read, and no command is known. `rate_control` decides how fine frames are; without one they are exact. `offers` is what
+    the source can be asked for. Once a second `temperature_c` and `last_error` are asked. `clock_us` is the device's own
+    monotonic clock, which stamps the frames too.
     """
 
     def __init__(
@@ -87,27 +58,35 @@ class Service:
         source: FrameSource,
         link: Link,
         identity: DeviceIdentity,
-        calibration: bytes = b"",
         *,
+        objects: Objects | None = None,
+        commands: Commands | None = None,
+        rate_control: RateControl | None = None,
         lossless: bool = False,
+        offers: Capability = Capability.NONE,
         temperature_c: Callable[[], float | None] = lambda: None,
+        last_error: Callable[[], str] = lambda: "",
+        notifier: Notifier | None = None,
+        led: StatusLed | None = None,
+        clock_us: Callable[[], int] = lambda: time.monotonic_ns() // 1000,
     ) -> None:
-        if len(calibration) > LIMITS.calibration:
-            raise WireError(f"a calibration of {len(calibration)} bytes: at most {LIMITS.calibration} can be kept")
         self._source = source
         self._link = link
         self._identity = identity
-        self._calibration = calibration
-        self._calibration_hash = calibration_hash(calibration)
-        self._temperature_c = temperature_c
-        self._started_us = _clock_us()
+        self._commands = NoCommands() if commands is None else commands
+        self._offers = Capability.COMPACT | offers | (Capability.NONE if commands is None else Capability.COMMANDS)
+        self._rate_control = RateControl(bound=0) if rate_control is None else rate_control
+        self._notifier = Notifier() if notifier is None else notifier
+        self._clock_us = clock_us
         self._stopping = threading.Event()
         self._deframer = Deframer()
-        self._transmitter = Transmitter(link, self._calibration_hash, self._stopping, lossless=lossless)
-        self._health_due_s = 0.0
+        self._transmitter = Transmitter(link, self._rate_control, self._stopping, lossless=lossless)
+        self._bulk = BulkAnswers(FixedObjects() if objects is None else objects, link.mtu, self._post_bulk)
         self._end = HealthFlag.NONE
         self._failure: PrismStereoError | None = None
         self._captured = self._sessions = self._ignored = 0
+        self._pulse = Pulse(clock_us, temperature_c, last_error)
+        self._led = NoLed() if led is None else led
         self._threads = [
             threading.Thread(target=work, name=f"prismstereo-{work.__name__.strip('_')}", daemon=True)
             for work in (self._compute, self._listen, self._transmit)
@@ -115,6 +94,8 @@ class Service:
 
     def start(self) -> None:
         """Begin to serve, in the background."""
+        self._led.show(LedState.STARTING)
+        self._bulk.start()
         for thread in self._threads:
             thread.start()
 
@@ -129,10 +110,13 @@ class Service:
     def stop(self) -> None:
         """End every thread; waits for the frame that the source is at, for 10 s at most."""
         self._stopping.set()
+        self._notifier.stopping()
         self._transmitter.wake()
+        self._bulk.stop()
         for thread in self._threads:
             if thread.ident is not None and thread is not threading.current_thread():
                 thread.join(_JOIN_S)
+        self._led.show(LedState.OFF if self._failure is None else LedState.FAULT)
 
     def __enter__(self) -> Self:
         self.start()
@@ -160,6 +144,7 @@ class Service:
             captured=self._captured,
             sent=self._transmitter.sent,
             dropped=self._transmitter.dropped,
+            pictures_dropped=self._transmitter.pictures_dropped,
             sessions=self._sessions,
             ignored=self._ignored,
             line=self._deframer.statistics,
@@ -168,58 +153,65 @@ class Service:
     def _compute(self) -> None:
         end = HealthFlag.END_OF_STREAM | HealthFlag.SOURCE_FAILED
         try:
+            warm_up()
             while not self._stopping.is_set():
                 frame = self._source.read()
+                self._notifier.ready()
                 if frame is None:
                     end = HealthFlag.END_OF_STREAM
                     break
                 self._captured += 1
-                self._transmitter.offer(frame)
+                self._notifier.kick()
+                self._transmitter.offer(frame, self._notifier.kick)
         except PrismStereoError as error:
             logger.exception("the source failed after %d frames", self._captured)
             self._failure = self._failure or error
         finally:
             self._end = end
             self._transmitter.finish()
+        while end is HealthFlag.END_OF_STREAM and not self._stopping.wait(_KICK_S):
+            self._notifier.kick()  # all is well, there is only nothing left to do
 
     def _transmit(self) -> None:
         try:
             self._transmitter.run()
         except PrismStereoError as error:
-            logger.info("the service ends: %s", error)
-            self._failure = self._failure or error
+            self._fail(error)
         finally:
             self._stopping.set()
 
     def _listen(self) -> None:
-        told_end = False
         try:
             while not self._stopping.is_set():
                 for packet in self._deframer.feed(self._link.read(_POLL_S)):
                     self._handle(packet)
-                ended = self._transmitter.drained
-                if time.monotonic() >= self._health_due_s or ended is not told_end:
-                    told_end = ended
-                    self._health_due_s = time.monotonic() + _HEALTH_PERIOD_S
-                    self._post_health()
+                self._show()
         except PrismStereoError as error:
-            logger.info("the service ends: %s", error)
-            self._failure = self._failure or error
+            self._fail(error)
         finally:
             self._stopping.set()
             self._transmitter.wake()
 
+    def _fail(self, error: PrismStereoError) -> None:
+        logger.info("the service ends: %s", error)
+        self._failure = self._failure or error
+
     def _handle(self, packet: Packet) -> None:
+        session = self._transmitter.session
         if packet.channel != Channel.HELLO:
-            self._transmitter.session.hear(time.monotonic())
+            session.hear(time.monotonic())
         try:
             match packet.channel:
                 case Channel.HELLO:
                     self._meet(packet)
                 case Channel.CTRL:
-                    self._control(packet)
+                    self._control(packet, session)
+                case Channel.CMD:
+                    body = answer_command(packet, session, self._commands)
+                    if body is not None:
+                        self._post(session, Channel.CMD, lambda: body, packet.msg)
                 case Channel.BULK:
-                    self._bulk(packet)
+                    self._bulk.ask(packet, session)
                 case _:
                     self._ignored += 1
         except WireError as error:
@@ -234,65 +226,67 @@ class Service:
         if version is None:
             logger.warning("a host speaks versions %d..%d only", hello.version_min, hello.version_max)
             refusal = Hello(hello.nonce, kind=HelloKind.REFUSE)
-            self._post(Channel.HELLO, refusal.pack, packet)
+            self._post(self._transmitter.session, Channel.HELLO, refusal.pack, packet.msg)
             return
         if hello.nonce != self._transmitter.session.nonce:
-            self._sessions += 1
-            self._deframer.adopt(hello.nonce)
-            self._transmitter.adopt(Session(hello.nonce, time.monotonic()))
-            self._health_due_s = 0.0
+            self._begin_session(hello)
         reply = HelloReply(
             version=version,
             nonce=hello.nonce,
             mtu=self._link.mtu,
             device_id=self._identity.device_id,
             boot_id=self._identity.boot_id,
-            calibration_hash=self._calibration_hash,
+            calibration_hash=self._bulk.calibration_hash,
+            capabilities=self._offers,
         )
-        self._post(Channel.HELLO, reply.pack, packet)
+        self._post(self._transmitter.session, Channel.HELLO, reply.pack, packet.msg)
 
-    def _control(self, packet: Packet) -> None:
+    def _begin_session(self, hello: Hello) -> None:
+        """Serve this host from now on; nothing of the host before is left."""
+        self._sessions += 1
+        self._deframer.adopt(hello.nonce)
+        reads_compact = Capability.COMPACT in hello.capabilities
+        self._transmitter.adopt(Session(hello.nonce, time.monotonic(), compact=reads_compact))
+        self._bulk.end_session()
+        self._pulse.hurry()
+        logger.info("session %d begins", self._sessions)
+
+    def _control(self, packet: Packet, session: Session) -> None:
         match read_control(packet.payload):
             case FrameAck() as ack:
-                self._transmitter.session.acknowledge(ack)
+                session.acknowledge(ack)
                 self._transmitter.wake()
             case Ping(t_host_us):
-                arrived_us = _clock_us()
-                self._post(Channel.CTRL, lambda: Pong(t_host_us, arrived_us, _clock_us()).pack(), packet)
+                arrived_us = self._clock_us()
+                self._post(
+                    session, Channel.CTRL, lambda: Pong(t_host_us, arrived_us, self._clock_us()).pack(), packet.msg
+                )
             case _:
                 self._ignored += 1  # a pong: this end sends no pings
 
-    def _bulk(self, packet: Packet) -> None:
-        request = ReadRequest.unpack(packet.payload)
-        content = self._calibration if request.obj == CALIBRATION and self._calibration else None
-        version = int.from_bytes(self._calibration_hash[:4], "little")
-        answer = answer_read(request, content, version, self._link.mtu)
-        self._post(Channel.BULK, answer.pack, packet)
+    def _post(self, session: Session, channel: Channel, body: Callable[[], bytes], msg: int) -> None:
+        self._transmitter.post(Reply(session, channel, body, FIRST | LAST | REPLY, msg))
 
-    def _post(self, channel: Channel, body: Callable[[], bytes], request: Packet) -> None:
-        session = self._transmitter.session
-        self._transmitter.post(Reply(session, channel, body, FIRST | LAST | REPLY, request.msg))
+    def _post_bulk(self, session: Session, body: bytes, msg: int) -> None:
+        self._post(session, Channel.BULK, lambda: body, msg)
 
-    def _post_health(self) -> None:
-        session = self._transmitter.session
-        if session.alive(time.monotonic()):
-            flags = self._end if self._transmitter.drained else HealthFlag.NONE
-            self._transmitter.post(Reply(session, Channel.HEALTH, partial(self._health, flags)))
+    def _show(self) -> None:
+        """Tell the host, once a second and at the end, how things are; and always the lamp and the service manager."""
+        now_s, session, drained = time.monotonic(), self._transmitter.session, self._transmitter.drained
+        alive = session.alive(now_s)
+        if self._pulse.due(now_s, drained) and alive:
+            flags = self._end if drained else HealthFlag.NONE
+            self._transmitter.post(Reply(session, Channel.HEALTH, partial(self._health, session, flags)))
+        if self._failure is not None:
+            self._led.show(LedState.FAULT)
+            self._notifier.status(f"failed: {self._failure}")
+        elif not self._captured:
+            self._notifier.status("waiting for the first frame")
+        else:
+            self._led.show(LedState.STREAMING if alive else LedState.WAITING)
+            self._notifier.status("a host is served" if alive else f"waiting for a host on {self._link.name}")
 
-    def _health(self, flags: HealthFlag) -> bytes:
-        line = self._deframer.statistics
-        return Health(
-            frames_captured=self._captured,
-            frames_sent=self._transmitter.sent,
-            frames_dropped=self._transmitter.dropped,
-            packets_good=line.good,
-            packets_bad=line.bad,
-            packets_oversize=line.oversize,
-            uptime_us=_clock_us() - self._started_us,
-            temperature_c=self._temperature_c(),
-            flags=flags,
-        ).pack()
-
-
-def _clock_us() -> int:
-    return time.monotonic_ns() // 1000
+    def _health(self, session: Session, flags: HealthFlag) -> bytes:
+        mode = self._rate_control.mode if session.compact else None
+        written_bytes = self._transmitter.written_bytes
+        return self._pulse.report(self.statistics, mode, written_bytes, flags, str(self._failure or "")).pack()

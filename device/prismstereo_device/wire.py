@@ -50,9 +50,13 @@ class Channel(IntEnum):
     CTRL = 0  # ping, pong, frame acknowledgement
     CMD = 1  # commands
     DISP = 2  # disparity stripes, newest frame wins
-    IMG = 3  # preview pictures
-    BULK = 4  # objects by offset: calibration, stills, logs
+    IMG = 3  # preview pictures, newest wins
+    BULK = 4  # objects by offset: calibration, stills, logs, updates
     HEALTH = 5  # counters, once a second
+    ZONES = 6  # nearest distance of each zone of the picture
+    REASON = 7  # why pixels are unmatched, at a quarter of the resolution
+    CONFIDENCE = 8  # how sure matches are, at a quarter of the resolution
+    RAW = 9  # the sensor's own frames, for recording and calibration
     HELLO = 15  # versions and session; the only channel outside a session
 
 
@@ -70,6 +74,12 @@ class Limits:
     stripe_pixels: int = 32_000  # so that even an incompressible stripe stays within `stripe` bytes
     frames_in_assembly: int = 3
     frames_unacknowledged: int = 3
+    requests_outstanding: int = 32  # of a host; an id that lies further behind is stale
+    replies_kept: int = 128  # by a device, to answer a repeated request without running it again
+    table: int = 1024  # bytes of a frame's own coding tables
+    picture: int = 8 << 20  # bytes of one compressed picture
+    picture_side: int = 8192  # pixels, of a raw frame; what is rectified has `frame_side`
+    picture_samples: int = 32 << 20  # bytes of one picture, decoded
     object: int = 64 << 20  # bytes of one bulk object
     calibration: int = 256 << 10  # bytes of the calibration object
 

@@ -1,86 +1,63 @@
 """The sensor from the desk: open it, iterate over its frames, ask for its calibration.
 
-    with StereoCamera.open("/dev/ttyACM0") as camera:
+    with prismstereo.open("/dev/ttyACM0") as camera:
         for frame in camera:
-            depth_mm = camera.depth(frame)
+            print(frame.age_us, frame.depth_mm)
 
 Two threads work behind it: one reads, one keeps the session alive, so a slow `for` loop loses frames (counted) but never
-the sensor.
+the sensor. A sensor that was pulled out, or has started anew, is searched for, and the iteration goes on.
 """
 
 from __future__ import annotations
 
-import contextlib
-import threading
-import time
-from collections.abc import Iterator
-from dataclasses import dataclass
-from functools import cached_property
+from collections.abc import Callable, Iterator
 from types import TracebackType
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Literal, Self, cast, overload
 
-from prismstereo.inbox import Inbox
-from prismstereo.meeting import CameraIdentity, meet
-from prismstereo.reading import ObjectReader
-from prismstereo_device.framing import LineStatistics, Packet
-from prismstereo_device.link import Link, LinkLost, open_link
-from prismstereo_device.protocol import (
-    CALIBRATION,
-    FrameAck,
-    FrameAssembler,
-    Health,
-    HealthFlag,
-    Ping,
-    Pong,
-    ReceivedFrame,
-    calibration_hash,
-    read_control,
-)
-from prismstereo_device.wire import FIRST, LAST, LIMITS, REPLY, Channel, WireError
-from prismstereo_hw.errors import DataError, DeviceError
+from prismstereo.camera_controls import CameraControls
+from prismstereo.camera_frame import CameraFrame
+from prismstereo.camera_statistics import CameraStatistics
+from prismstereo.clock import ClockMapping
+from prismstereo.connection import Connection
+from prismstereo.events import CameraEvent, CameraState
+from prismstereo.frame_calls import FrameCalls
+from prismstereo.frame_pictures import FramePictures
+from prismstereo.held_calibration import HeldCalibration
+from prismstereo.inbox import Inbox, Stream
+from prismstereo.meeting import CameraIdentity
+from prismstereo.reception import Reception
+from prismstereo.transfer import ObjectTransfer
+from prismstereo_device.framing import Packet
+from prismstereo_device.link import Link, open_link
+from prismstereo_device.protocol import Health, ReceivedFrame, ReceivedPicture, calibration_hash
+from prismstereo_device.wire import Channel
+from prismstereo_device.zones import ZoneDistances
+from prismstereo_hw.errors import UsageError
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
     from prismstereo_calibration.model import Calibration
+    from prismstereo_calibration.rectification import Rectification
     from prismstereo_calibration.window import DisparityWindow
 
-__all__ = ["CameraIdentity", "CameraStatistics", "StereoCamera"]
+__all__ = ["CameraFrame", "CameraIdentity", "CameraStatistics", "StereoCamera"]
 
-_POLL_S = 0.1
-_BEAT_S = 0.1
-_PING_EVERY_S = 1.0
-_FIRST_PINGS = 8
-_WRITE_S = 0.5
-
-
-@dataclass(frozen=True, slots=True)
-class CameraStatistics:
-    """What has happened on the line since it was opened.
-
-    `frames` arrived, of which `partial` lack stripes; `lost` never arrived (gaps in their numbers: dropped by the camera
-    or on the line); `not_taken` arrived but were pushed out before they were read. `malformed` messages came in good
-    packets. `health` is the camera's last report.
-    """
-
-    frames: int
-    partial: int
-    lost: int
-    not_taken: int
-    malformed: int
-    line: LineStatistics
-    round_trip_us: int | None
-    health: Health | None
+_REOPEN_S = 1.0
+_NEWEST = 4
+PictureChannel = Literal[Channel.IMG, Channel.RAW, Channel.REASON, Channel.CONFIDENCE]
+_STREAMS = (Channel.IMG, Channel.RAW, Channel.REASON, Channel.CONFIDENCE, Channel.ZONES, Channel.HEALTH)
 
 
-class StereoCamera:
-    """A session with one sensor; owns its link.
+class StereoCamera(CameraControls):
+    """A session with one sensor after the other; owns its link.
 
     Raises LinkLost when nothing answers, DeviceError when the versions do not meet. Iteration ends in good order when the
-    camera says that its stream has ended, and raises LinkLost when it goes away or is silent for `silence_s`: the frames
-    so far are delivered first. `queue_frames` frames wait for a slow reader, then the oldest is dropped; `keep_all` makes
-    the camera wait instead.
+    camera says that its stream has ended. With `reopen` a link that is lost, silent for `silence_s`, or whose camera has
+    started anew is opened and met again, and the iteration goes on after the gap; without it the iteration then raises
+    LinkLost, after the frames so far. `queue_frames` frames wait for a slow reader, then the oldest is dropped; `keep_all`
+    makes the camera wait instead. `after_close` is called once, when all is closed.
     """
 
     def __init__(
@@ -91,32 +68,19 @@ class StereoCamera:
         silence_s: float = 3.0,
         queue_frames: int = 8,
         keep_all: bool = False,
+        reopen: Callable[[], Link] | None = None,
+        after_close: Callable[[], None] | None = None,
     ) -> None:
-        self._link = link
-        self._silence_s = silence_s
-        meeting = meet(link, timeout_s)
-        self.identity = meeting.identity
-        self._framer, self._deframer = meeting.framer, meeting.deframer
-        self._assembler = FrameAssembler()
-        self._inbox = Inbox(queue_frames, keep_all=keep_all)
-        self._reader = ObjectReader(self._send)
-        self._sending = threading.Lock()
-        self._torn = False
-        self._stopping = threading.Event()
-        self._beat_now = threading.Event()
-        self._told: FrameAck | None = None
-        self._malformed = 0
-        self._round_trip_us: int | None = None
-        self._health: Health | None = None
-        self._calibration_bytes: bytes | None = None
-        for packet in meeting.early:
-            self._handle(packet)
-        self._threads = [
-            threading.Thread(target=work, name=f"prismstereo-{work.__name__.strip('_')}", daemon=True)
-            for work in (self._listen, self._beat)
-        ]
-        for thread in self._threads:
-            thread.start()
+        connection = Connection(link, timeout_s, silence_s=silence_s, reopen=reopen)
+        self._connection = connection
+        self._reception = Reception(connection, Inbox(queue_frames, keep_all=keep_all), self)
+        transfer = ObjectTransfer(self._reception.bulk, lambda: connection.identity.mtu, link.name)
+        super().__init__(self._reception.commands, transfer, lambda: connection.identity, link.name)
+        self._calibrations = HeldCalibration(transfer, link.name)
+        self._written: tuple[CameraIdentity, bytes] | None = None
+        self._after_close = after_close
+        self._calls: list[FrameCalls] = []
+        connection.start(self._reception)
 
     @classmethod
     def open(
@@ -128,23 +92,51 @@ class StereoCamera:
         silence_s: float = 3.0,
         queue_frames: int = 8,
         keep_all: bool = False,
+        reconnect: bool = True,
     ) -> Self:
         """Open the sensor at a serial port (`/dev/ttyACM0`, `COM3`) or at `tcp:HOST:PORT`.
 
-        Raises PortError where there is nothing to open, and otherwise as the constructor does.
+        With `reconnect` it is searched for there when it is lost. Raises PortError where there is nothing to open, and
+        otherwise as the constructor does.
         """
         link = open_link(port, baud=baud, timeout_s=timeout_s)
         try:
-            return cls(link, timeout_s, silence_s=silence_s, queue_frames=queue_frames, keep_all=keep_all)
+            return cls(
+                link,
+                timeout_s,
+                silence_s=silence_s,
+                queue_frames=queue_frames,
+                keep_all=keep_all,
+                reopen=(lambda: open_link(port, baud=baud, timeout_s=_REOPEN_S)) if reconnect else None,
+            )
         except BaseException:
             link.close()
             raise
 
-    def __iter__(self) -> Iterator[ReceivedFrame]:
-        while (frame := self._inbox.take()) is not None:
-            if self._inbox.room > 0 and self._told is not None and self._told.room == 0:
-                self._beat_now.set()  # the camera waits for this
+    def __iter__(self) -> Iterator[CameraFrame]:
+        while (frame := self.take()) is not None:
             yield frame
+
+    def take(self, timeout_s: float | None = None) -> CameraFrame | None:
+        """Wait for the next frame, as an iteration does; None when the time is over, or where the stream has ended."""
+        frame = self._reception.inbox.take(timeout_s)
+        if frame is not None:
+            self._reception.taken()
+        return frame
+
+    def frames(self, newest: int = 1) -> Stream[CameraFrame]:
+        """Iterate over the frames from now on beside all other readers; the `newest` so many wait for a slow one."""
+        return cast("Stream[CameraFrame]", self._reception.stream(Channel.DISP, newest))
+
+    def on_frame(self, call: Callable[[CameraFrame], object], newest: int = 1) -> FrameCalls:
+        """Call `call(frame)` with every frame from now on, in a thread of its own, which may ask the camera anything.
+
+        While it works, the `newest` so many wait and older ones are dropped. It ends with the camera, by `stop()` of what is
+        returned, or when `call` raises.
+        """
+        calls = FrameCalls(self.frames(newest), call)
+        self._calls = [*(other for other in self._calls if other.running), calls]
+        return calls
 
     def __enter__(self) -> Self:
         return self
@@ -156,155 +148,148 @@ class StereoCamera:
 
     def close(self) -> None:
         """End the session and give the port back; closing twice does no harm."""
-        self._stopping.set()
-        self._beat_now.set()
-        for thread in self._threads:
-            thread.join()
-        self._inbox.end()
-        self._link.close()
+        self._connection.close()
+        self._reception.end(None)
+        for calls in self._calls:
+            calls.stop()
+        after_close, self._after_close = self._after_close, None
+        if after_close is not None:
+            after_close()
+
+    @property
+    def identity(self) -> CameraIdentity:
+        """Who the camera is, as it said at the last hello."""
+        return self._connection.identity
+
+    @property
+    def state(self) -> CameraState:
+        """How things stand with the camera."""
+        return self._connection.state
+
+    @property
+    def session(self) -> int:
+        """Which session is under way; they count from 1."""
+        return self._connection.counts.sessions
+
+    @property
+    def on_event(self) -> list[Callable[[CameraEvent], None]]:
+        """What is called when something happens to the connection: append to it. It is called by the reading thread.
+
+        A callback is quick, raises nothing, and asks the camera nothing.
+        """
+        return self._reception.on_event
+
+    @property
+    def on_packet(self) -> list[Callable[[Packet, int, int], None]]:
+        """What is called with every good packet, the host's monotonic microseconds and the session's number: append to it.
+
+        It is called by the reading thread, before anything is made of the packet; it is quick and raises nothing.
+        """
+        return self._reception.on_packet
+
+    @property
+    def clock(self) -> ClockMapping | None:
+        """The camera's clock as seen from here, and how far that can be off; None before it has answered a probe.
+
+        It takes the stamps of frames to `time.monotonic` in microseconds: `camera.clock.host_time_us(frame.timestamp_us)`.
+        """
+        return self._reception.clock
 
     @property
     def statistics(self) -> CameraStatistics:
         """The counters so far."""
-        counts = self._inbox.counts
+        reception, counts = self._reception, self._connection.counts
+        frames = reception.counter.counts
         return CameraStatistics(
-            frames=counts.frames,
-            partial=counts.partial,
-            lost=counts.lost,
-            not_taken=counts.not_taken,
-            malformed=self._malformed + self._assembler.statistics.malformed,
-            line=self._deframer.statistics,
-            round_trip_us=self._round_trip_us,
-            health=self._health,
+            frames=frames.frames,
+            partial=frames.partial,
+            lost=frames.lost,
+            not_taken=reception.inbox.not_taken,
+            malformed=reception.malformed,
+            line=self._connection.line,
+            round_trip_us=reception.round_trip_us,
+            health=reception.health,
+            sessions=counts.sessions,
+            reboots=counts.reboots,
+            replugs=counts.replugs,
+            repeated=reception.commands.repeated + reception.bulk.repeated,
+        )
+
+    @property
+    def pictures(self) -> FramePictures:
+        """What lately arrived beside the frames; a frame finds its own there."""
+        return self._reception.frame_pictures
+
+    @overload
+    def stream(self, channel: PictureChannel, newest: int = _NEWEST) -> Stream[ReceivedPicture]: ...
+    @overload
+    def stream(self, channel: Literal[Channel.ZONES], newest: int = _NEWEST) -> Stream[ZoneDistances]: ...
+    @overload
+    def stream(self, channel: Literal[Channel.HEALTH], newest: int = _NEWEST) -> Stream[Health]: ...
+    def stream(
+        self, channel: Channel, newest: int = _NEWEST
+    ) -> Stream[ReceivedPicture] | Stream[ZoneDistances] | Stream[Health]:
+        """Iterate over what arrives on a channel beside the frames; the `newest` so many wait for a slow reader.
+
+        Switch it on first: `camera.set("preview", True)` for IMG, and `raw`, `reasons`, `confidence`, `zones` alike. Raises
+        UsageError for a channel that has no such stream.
+        """
+        if channel not in _STREAMS:
+            names = ", ".join(known.name for known in _STREAMS)
+            raise UsageError(f"channel {channel.name} cannot be read as a stream: {names} can")
+        return cast(
+            "Stream[ReceivedPicture] | Stream[ZoneDistances] | Stream[Health]", self._reception.stream(channel, newest)
         )
 
     @property
     def calibration_bytes(self) -> bytes:
-        """The calibration's flash bytes, fetched once and held against the hash that the camera gave at hello.
+        """The flash bytes of the calibration in use, fetched once and held against the hash that the camera gave.
 
         Raises LinkLost when it does not answer, DataError when it has none or its bytes do not match.
         """
-        if self._calibration_bytes is None:
-            if not any(self.identity.calibration_hash):
-                raise DataError(f"the sensor on {self._link.name} holds no calibration: calibrate it, then flash it")
-            data = self._reader.read(CALIBRATION, LIMITS.calibration, self._link.name)
-            if calibration_hash(data) != self.identity.calibration_hash:
-                raise DataError(
-                    f"the calibration on {self._link.name} has hash {calibration_hash(data).hex()}, "
-                    f"announced was {self.identity.calibration_hash.hex()}: open the sensor again"
-                )
-            self._calibration_bytes = data
-        return self._calibration_bytes
+        return self._calibrations.content(self._calibration_named())
 
     @property
     def calibration(self) -> Calibration:
-        """The calibration that the camera's frames were made with; raises as `calibration_bytes`, or CalibrationError."""
-        from prismstereo_calibration import flash
+        """The calibration that the camera's frames are made with; raises as `calibration_bytes`, or CalibrationError."""
+        return self._calibrations.calibration(self._calibration_named())
 
-        return flash.unpack(self.calibration_bytes)
-
-    @cached_property
+    @property
     def window(self) -> DisparityWindow:
-        """The range window of the camera's frames, with what the glass before its lens does; fetches the calibration."""
+        """The range window of the camera's calibration, with what the glass before its lens does; fetches it."""
         from prismstereo_calibration.rectification import rectification
 
         return rectification(self.calibration).window
 
     def depth(self, frame: ReceivedFrame) -> NDArray[np.float32]:
-        """Depth (height, width) of a frame along the rectified z axis in mm, glass considered; NaN where unmatched."""
-        return self.window.depth_map(frame.disparity.disparity_px)
+        """Depth (height, width) of a frame along the rectified z axis in mm, glass considered; NaN where unmatched.
 
-    def _listen(self) -> None:
-        heard_at_s = time.monotonic()
-        while not self._stopping.is_set():
-            try:
-                packets = self._deframer.feed(self._link.read(_POLL_S))
-            except LinkLost as error:
-                self._fail(error)
-                return
-            for packet in packets:
-                self._handle(packet)
-            started = self._assembler.newest_started
-            if started is not None and (self._told is None or self._told.newest_frame != started):
-                self._beat_now.set()
-            now_s = time.monotonic()
-            if packets:
-                heard_at_s = now_s
-            elif now_s - heard_at_s > self._silence_s:
-                self._fail(f"nothing was heard for {self._silence_s:g} s")
-                return
+        The calibration is the one that the frame was made with, fetched if need be: DataError where the camera no longer
+        has it, UsageError where the frame was made with none and says no scale.
+        """
+        return self._calibrations.window(frame).depth_map(frame.disparity.disparity_px)
 
-    def _beat(self) -> None:
-        """Acknowledge and ping, on a clock of its own, so that the session outlives any slow reader."""
-        pings, ping_at_s = 0, 0.0
-        while not self._stopping.is_set():
-            self._beat_now.clear()
-            started = self._assembler.newest_started
-            if started is not None:
-                self._told = FrameAck(started, self._inbox.room)
-                self._send(Channel.CTRL, self._told.pack())
-            now_s = time.monotonic()
-            if now_s >= ping_at_s:
-                pings += 1
-                ping_at_s = now_s + (_PING_EVERY_S if pings >= _FIRST_PINGS else 0.0)
-                self._send(Channel.CTRL, Ping(_clock_us()).pack())
-            self._beat_now.wait(_BEAT_S)
+    def rectification(self, frame: ReceivedFrame) -> Rectification:
+        """Give the geometry of a frame's map, whatever its resolution; raises as `depth`, and DataError where it has none."""
+        return self._calibrations.rectification(frame)
 
-    def _handle(self, packet: Packet) -> None:
-        try:
-            match packet.channel:
-                case Channel.DISP:
-                    self._deliver(self._assembler.feed(packet))
-                case Channel.CTRL:
-                    self._control(packet)
-                case Channel.HEALTH:
-                    self._report(Health.unpack(packet.payload))
-                case Channel.BULK:
-                    self._reader.answer(packet)
-        except WireError:
-            self._malformed += 1
+    def write_calibration(self, content: bytes) -> None:
+        """Make these flash bytes the camera's calibration; it verifies them, and keeps the old one where it refuses them."""
+        super().write_calibration(content)
+        self._written = (self.identity, calibration_hash(content))
 
-    def _deliver(self, frames: list[ReceivedFrame]) -> None:
-        for frame in frames:
-            self._inbox.put(frame)
+    def restore_calibration(self, *, timeout_s: float = 5.0) -> bytes:
+        """Go back to the first calibration that the camera ever had, wait until it is in use, and return its flash bytes."""
+        content = super().restore_calibration(timeout_s=timeout_s)
+        self._written = (self.identity, calibration_hash(content))
+        return content
 
-    def _control(self, packet: Packet) -> None:
-        match read_control(packet.payload):
-            case Ping(t_host_us):
-                now_us = _clock_us()
-                self._send(Channel.CTRL, Pong(t_host_us, now_us, now_us).pack(), REPLY, packet.msg)
-            case Pong(t_host_us, t_rx_us, t_tx_us):
-                self._round_trip_us = _clock_us() - t_host_us - (t_tx_us - t_rx_us)
-
-    def _report(self, health: Health) -> None:
-        self._health = health
-        if HealthFlag.END_OF_STREAM in health.flags:
-            self._deliver(self._assembler.flush())
-            if HealthFlag.SOURCE_FAILED not in health.flags:
-                self._inbox.end()
-                return
-            frames = self._inbox.counts.frames
-            mend = "its own log says why; restart it"
-            self._inbox.end(DeviceError(f"the sensor on {self._link.name} broke after {frames} frames: {mend}"))
-
-    def _send(self, channel: Channel, payload: bytes, flags: int = 0, msg: int = 0) -> None:
-        """Write one packet; what the line has no room for is not sent, and asked for or said again later."""
-        with self._sending:
-            data = self._framer.encode(channel, payload, flags=flags | FIRST | LAST, msg=msg)
-            if self._torn:
-                data = b"\0" + data
-            with contextlib.suppress(LinkLost):  # the reading side finds the same, after what is still there to read
-                self._torn = self._link.write(data, _WRITE_S) < len(data)
-
-    def _fail(self, why: object) -> None:
-        """End the stream: the device is gone."""
-        self._deliver(self._assembler.flush())
-        self._reader.end()
-        frames = self._inbox.counts.frames
-        self._inbox.end(LinkLost(f"the sensor on {self._link.name} was lost after {frames} frames: {why}"))
-        self._stopping.set()
-        self._beat_now.set()
-
-
-def _clock_us() -> int:
-    return time.monotonic_ns() // 1000
+    def _calibration_named(self) -> bytes:
+        """Name the calibration in use: as the newest frame does, where that is no longer the one of the hello."""
+        identity, frame_hash = self.identity, self._reception.frame_hash
+        named = identity.calibration_hash
+        if self._written is not None and self._written[0] is identity:
+            named = self._written[1]
+        elif any(frame_hash) and not named.startswith(frame_hash):
+            named = frame_hash
+        return named

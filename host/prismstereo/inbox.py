@@ -1,93 +1,116 @@
-"""Where frames wait for whoever reads them: bounded, with an end."""
+"""Where what arrives waits for whoever reads it: bounded, newest wins, with an end."""
 
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
 from threading import Condition
+from types import TracebackType
+from typing import Generic, Self, TypeVar
 
-from prismstereo_device.protocol import ReceivedFrame
-from prismstereo_device.wire import LIMITS
 from prismstereo_hw.errors import DeviceError
 
-__all__ = ["FrameCounts", "Inbox"]
+__all__ = ["Inbox", "Stream"]
 
-_FRAME = 0xFFFF_FFFF
-_HALF_RANGE = 1 << 31
-
-
-@dataclass(frozen=True, slots=True)
-class FrameCounts:
-    """Frames that arrived, of which `partial` lack stripes; `lost`: gaps in their numbers; `not_taken`: pushed out."""
-
-    frames: int
-    partial: int
-    lost: int
-    not_taken: int
+T = TypeVar("T")
 
 
-class Inbox:
-    """At most `capacity` frames; a further one pushes the oldest out, which is counted.
+class Inbox(Generic[T]):
+    """At most `capacity` things; a further one pushes the oldest out, which is counted.
 
-    With `keep_all` none is pushed out: `room` tells the device to wait instead, and the few that were already on their
-    way are kept above the capacity.
+    With `keep_all` none is pushed out: `room` tells the sender to wait instead, and the few that were already on their way
+    are kept above the capacity.
     """
 
-    def __init__(self, capacity: int, *, keep_all: bool) -> None:
+    def __init__(self, capacity: int, *, keep_all: bool = False) -> None:
         self._capacity = capacity
         self._keep_all = keep_all
-        self._frames: deque[ReceivedFrame] = deque()
+        self._waiting: deque[T] = deque()
         self._changed = Condition()
         self._ended = False
         self._error: DeviceError | None = None
-        self._newest: int | None = None
-        self._arrived = self._partial = self._lost = self._not_taken = 0
+        self._not_taken = 0
 
     @property
-    def counts(self) -> FrameCounts:
-        """The counters so far."""
-        with self._changed:
-            return FrameCounts(self._arrived, self._partial, self._lost, self._not_taken)
+    def not_taken(self) -> int:
+        """How many were pushed out before anybody took them."""
+        return self._not_taken
 
     @property
-    def room(self) -> int:
-        """How many frames the device may send on."""
-        if not self._keep_all:
-            return LIMITS.frames_unacknowledged
-        return max(0, min(LIMITS.frames_unacknowledged, self._capacity - len(self._frames)))
+    def room(self) -> int | None:
+        """How many more may be sent; None: any number, as the oldest goes."""
+        return max(0, self._capacity - len(self._waiting)) if self._keep_all else None
 
-    def put(self, frame: ReceivedFrame) -> None:
-        """Add the newest frame."""
+    @property
+    def ended(self) -> bool:
+        """Whether nothing follows."""
+        return self._ended
+
+    def put(self, item: T) -> None:
+        """Add the newest."""
         with self._changed:
-            self._count(frame)
-            if len(self._frames) >= self._capacity and not self._keep_all:
-                self._frames.popleft()
+            if len(self._waiting) >= self._capacity and not self._keep_all:
+                self._waiting.popleft()
                 self._not_taken += 1
-            self._frames.append(frame)
+            self._waiting.append(item)
             self._changed.notify()
 
-    def _count(self, frame: ReceivedFrame) -> None:
-        if self._newest is not None:
-            gap = (frame.index - self._newest - 1) & _FRAME
-            self._lost += gap if gap < _HALF_RANGE else 0
-        self._newest = frame.index
-        self._arrived += 1
-        self._partial += frame.partial
-
     def end(self, error: DeviceError | None = None) -> None:
-        """Say that no frame follows, and why; the first reason stays."""
+        """Say that nothing follows, and why; the first reason stays."""
         with self._changed:
             if not self._ended:
                 self._ended = True
                 self._error = error
             self._changed.notify_all()
 
-    def take(self) -> ReceivedFrame | None:
-        """Wait for the oldest frame; None at a good end, and what was given to `end` is raised at a bad one."""
+    def take(self, timeout_s: float | None = None) -> T | None:
+        """Wait for the oldest; None at a good end or when the time is over, what was given to `end` is raised at a bad one."""
         with self._changed:
-            self._changed.wait_for(lambda: self._frames or self._ended)
-            if self._frames:
-                return self._frames.popleft()
+            self._changed.wait_for(lambda: self._waiting or self._ended, timeout_s)
+            if self._waiting:
+                return self._waiting.popleft()
             if self._error is not None:
                 raise self._error
             return None
+
+
+class Stream(Generic[T]):
+    """An iterator over what arrives on one channel from now on, newest wins; close it, or leave its `with`, when done.
+
+    Ends when the camera is closed; raises LinkLost when it is lost for good.
+    """
+
+    def __init__(self, inbox: Inbox[T], leave: Callable[[Inbox[T]], None]) -> None:
+        self._inbox = inbox
+        self._leave = leave
+
+    @property
+    def not_taken(self) -> int:
+        """How many were pushed out by newer ones before they were taken."""
+        return self._inbox.not_taken
+
+    def take(self, timeout_s: float | None = None) -> T | None:
+        """Wait for the oldest that waits; None when the time is over, or at the end."""
+        return self._inbox.take(timeout_s)
+
+    def close(self) -> None:
+        """Receive no more; closing twice does no harm."""
+        self._leave(self._inbox)
+        self._inbox.end()
+
+    def __iter__(self) -> Iterator[T]:
+        return self
+
+    def __next__(self) -> T:
+        item = self._inbox.take()
+        if item is None:
+            raise StopIteration
+        return item
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import secrets
+import threading
 import time
 from dataclasses import dataclass
 
 from prismstereo_device.framing import Deframer, Framer, Packet
 from prismstereo_device.link import Link, LinkLost
-from prismstereo_device.protocol import Hello, HelloKind, HelloReply, read_hello
+from prismstereo_device.protocol import Capability, Hello, HelloKind, HelloReply, read_hello
 from prismstereo_device.wire import VERSION_MAX, VERSION_MIN, Channel, WireError
 from prismstereo_hw.errors import DeviceError
 
-__all__ = ["CameraIdentity", "Meeting", "meet"]
+__all__ = ["CameraIdentity", "Meeting", "answer_to", "meet", "offer"]
 
 _OFFER_EVERY_S = 0.25
 _POLL_S = 0.05
@@ -23,7 +24,8 @@ class CameraIdentity:
     """Who answered, and in which terms.
 
     `device_id` has 8 bytes and is for life, `boot_id` is drawn at each start, `calibration_hash` is zeros where the
-    camera has no calibration; `mtu` is its largest payload in bytes, `version` the session's protocol.
+    camera has no calibration; `mtu` is its largest payload in bytes, `version` the session's protocol, `capabilities` what
+    the camera can do beyond streaming.
     """
 
     device_id: bytes
@@ -31,55 +33,57 @@ class CameraIdentity:
     calibration_hash: bytes
     mtu: int
     version: int
+    capabilities: Capability = Capability.NONE
 
 
 @dataclass(frozen=True, slots=True)
 class Meeting:
-    """A session that has begun: who answered, and what already followed the answer.
+    """A session that has begun: its nonce, who answered, and what already followed the answer.
 
-    `framer` numbers the host's packets, `deframer` reads the device's.
+    `framer` numbers the host's packets.
     """
 
+    nonce: int
     identity: CameraIdentity
     framer: Framer
-    deframer: Deframer
     early: tuple[Packet, ...]
 
 
-def meet(link: Link, timeout_s: float) -> Meeting:
-    """Begin a new session on an open link.
+def meet(link: Link, deframer: Deframer, timeout_s: float, stopping: threading.Event | None = None) -> Meeting:
+    """Begin a new session on an open link, whose bytes go through `deframer`.
 
-    Raises LinkLost when nothing answers in time, DeviceError when the device speaks no version of the protocol that this
-    host speaks.
+    Raises LinkLost when nothing answers in time or `stopping` is set, DeviceError when the device speaks no version of the
+    protocol that this host speaks.
     """
     nonce = secrets.randbelow(0xFFFF_FFFF) + 1
-    framer, deframer = Framer(nonce), Deframer(nonce)
-    offer = Hello(nonce).pack()
+    framer = Framer(nonce)
+    deframer.adopt(nonce)
+    heard_before = deframer.statistics.received_bytes
     deadline = time.monotonic() + timeout_s
     offer_at = 0.0
-    while (now := time.monotonic()) < deadline:
+    while (now := time.monotonic()) < deadline and not (stopping and stopping.is_set()):
         if now >= offer_at:
             offer_at = now + _OFFER_EVERY_S
-            # The 0x00 ahead ends whatever an earlier host left half sent.
-            link.write(b"\0" + framer.encode(Channel.HELLO, offer))
+            link.write(offer(framer, nonce))
         packets = deframer.feed(link.read(_POLL_S))
         for position, packet in enumerate(packets):
-            reply = _answer(packet, nonce, link.name)
-            if reply is not None:
-                return Meeting(_identity(reply), framer, deframer, tuple(packets[position + 1 :]))
-    heard = deframer.statistics.received_bytes
+            identity = answer_to(packet, nonce, link.name)
+            if identity is not None:
+                return Meeting(nonce, identity, framer, tuple(packets[position + 1 :]))
+    heard = deframer.statistics.received_bytes - heard_before
     raise LinkLost(
         f"nothing on {link.name} answered a hello within {timeout_s:g} s ({heard} bytes heard): "
         "check that a sensor is there, that its service runs, and the baud rate"
     )
 
 
-def _identity(reply: HelloReply) -> CameraIdentity:
-    return CameraIdentity(reply.device_id, reply.boot_id, reply.calibration_hash, reply.mtu, reply.version)
+def offer(framer: Framer, nonce: int) -> bytes:
+    """Make the bytes of an offer. The 0x00 ahead ends whatever was left half sent."""
+    return b"\0" + framer.encode(Channel.HELLO, Hello(nonce, capabilities=Capability.COMPACT).pack())
 
 
-def _answer(packet: Packet, nonce: int, name: str) -> HelloReply | None:
-    """Give the device's acceptance of this very offer, None for any other packet; raises DeviceError on a refusal."""
+def answer_to(packet: Packet, nonce: int, name: str) -> CameraIdentity | None:
+    """Give the device that accepts this very offer, None for any other packet; raises DeviceError on a refusal."""
     if packet.channel != Channel.HELLO:
         return None
     try:
@@ -90,7 +94,8 @@ def _answer(packet: Packet, nonce: int, name: str) -> HelloReply | None:
         return None
     if isinstance(said, HelloReply):
         if VERSION_MIN <= said.version <= VERSION_MAX:
-            return said
+            able = Capability.known(said.capabilities)
+            return CameraIdentity(said.device_id, said.boot_id, said.calibration_hash, said.mtu, said.version, able)
         raise _other_version(name, said.version, said.version)
     if said.kind is HelloKind.REFUSE:
         raise _other_version(name, said.version_min, said.version_max)

@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 
 from prismstereo_device.disparity import DisparityMap
 
-__all__ = ["depth_picture", "disparity_colours"]
+__all__ = ["Span", "depth_picture", "disparity_colours", "disparity_span"]
+
+Span = tuple[float, float]
 
 _LEGEND_WIDTH = 92
 _BAR_WIDTH = 16
@@ -18,7 +20,7 @@ _TICKS = 6
 _LOW_PERCENT, _HIGH_PERCENT = 1.0, 99.0
 
 
-def _span(disparity: DisparityMap) -> tuple[float, float]:
+def disparity_span(disparity: DisparityMap) -> Span:
     """Return the disparities that the colours reach over: what is there, less a hundredth of outliers at each end."""
     known = disparity.disparity_px[disparity.valid]
     if not known.size:
@@ -27,26 +29,29 @@ def _span(disparity: DisparityMap) -> tuple[float, float]:
     return float(low), float(max(high, low + 1.0))
 
 
-def disparity_colours(disparity: DisparityMap) -> NDArray[np.uint8]:
-    """Paint a disparity map (height, width, 3) BGR in the turbo map; unmatched pixels are black."""
-    low, high = _span(disparity)
+def disparity_colours(disparity: DisparityMap, span: Span | None = None) -> NDArray[np.uint8]:
+    """Paint a disparity map (height, width, 3) BGR in the turbo map over a `span` of disparities; unmatched is black.
+
+    Without a span it is the map's own.
+    """
+    low, high = span or disparity_span(disparity)
     scaled = np.clip((np.nan_to_num(disparity.disparity_px) - low) / (high - low), 0, 1)
     painted = cv2.applyColorMap(np.rint(255 * scaled).astype(np.uint8), cv2.COLORMAP_TURBO)
     return np.where(disparity.valid[..., None], painted, 0).astype(np.uint8)
 
 
-def depth_picture(disparity: DisparityMap, unit: str = "mm") -> NDArray[np.uint8]:
+def depth_picture(disparity: DisparityMap, unit: str = "mm", span: Span | None = None) -> NDArray[np.uint8]:
     """Paint a disparity map with a scale of depths at its right: (height, width + 92, 3) BGR.
 
-    A pair that is not metric gets a scale of disparities.
+    A pair that is not metric gets a scale of disparities. Without a `span` of disparities the colours reach over the map's own.
     """
-    picture = disparity_colours(disparity)
+    low, high = span or disparity_span(disparity)
+    picture = disparity_colours(disparity, (low, high))
     height = picture.shape[0]
     legend = np.full((height, _LEGEND_WIDTH, 3), 24, np.uint8)
     ramp = np.linspace(255, 0, max(height - 24, 1)).astype(np.uint8)[:, None]
     bar = cv2.applyColorMap(np.repeat(ramp, _BAR_WIDTH, axis=1), cv2.COLORMAP_TURBO)
     legend[12 : 12 + len(bar), 6 : 6 + _BAR_WIDTH] = bar[: height - 12]
-    low, high = _span(disparity)
     for tick in range(_TICKS):
         share = tick / (_TICKS - 1)
         row = round(12 + share * max(len(bar) - 1, 0))

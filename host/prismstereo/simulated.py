@@ -21,18 +21,37 @@ _STOP_S = 20.0
 class SimulatedDevice:
     """Runs `prismstereo-device` with a twin sensor; a context manager whose `address` a `StereoCamera` opens.
 
-    `statistics` holds the firmware's own counters once it was stopped.
+    After `frames` the stream ends; with `rate_hz` it is no faster than that; with `lossless` the firmware waits for the host
+    instead of dropping frames. Its log goes to standard error from `log_level` on. `statistics` holds the firmware's own
+    counters once it was stopped. Raises DeviceError where it does not start.
     """
 
-    def __init__(self, sensor: str, *, frames: int | None = None, lossless: bool = True) -> None:
-        arguments = ["--sensor", sensor, "--link", "pty" if _has_ptys() else "tcp:127.0.0.1:0"]
+    def __init__(
+        self,
+        sensor: str,
+        *,
+        frames: int | None = None,
+        lossless: bool = True,
+        rate_hz: float | None = None,
+        log_level: str = "warning",
+    ) -> None:
+        arguments = [
+            "--sensor",
+            sensor,
+            "--link",
+            "pty" if _has_ptys() else "tcp:127.0.0.1:0",
+            "--log-level",
+            log_level,
+        ]
         if frames is not None:
             arguments += ["--frames", str(frames)]
+        if rate_hz is not None:
+            arguments += ["--rate", f"{rate_hz:g}"]
         if lossless:
             arguments.append("--lossless")
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "prismstereo_device", *arguments],
-            stdin=subprocess.DEVNULL,
+            [sys.executable, "-m", "prismstereo.simulated_firmware", *arguments],
+            stdin=subprocess.PIPE,  # its end is the firmware's, should this process be killed
             stdout=subprocess.PIPE,
             text=True,
         )

@@ -5,12 +5,15 @@
     |  `- RigError                  a rig that cannot be built
     |- DeviceError         exit 3   a port or a camera that is not there, or went away
     |  |- PortError                 (device) the port cannot be opened
-    |  `- LinkLost                  (device) the other end fell silent in the middle
+    |  |- LinkLost                  (device) the other end fell silent in the middle
+    |  |- OutcomeUnknown            (host) a request was under way when the session changed: it may have been run
+    |  `- StorageError              (device) the camera's own storage is full or broken
     `- DataError           exit 4   a file, a frame or a message that is not what it says
        |- ImageError                an unreadable or truncated picture
        |- SessionError              a session folder with a part missing
        |- CalibrationError          (calibration) a calibration that does not belong, or cannot be solved
-       `- WireError                 (device) bytes that do not follow the wire format
+       |- WireError                 (device) bytes that do not follow the wire format
+       `- RecordingError            (host) a file that is no recording, or one that could not be kept
 
 The command line alone turns these into exit codes; a library user catches `PrismStereoError`.
 """

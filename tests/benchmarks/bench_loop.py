@@ -9,8 +9,10 @@ from prismstereo.driver import StereoCamera
 from prismstereo_calibration import flash
 from prismstereo_calibration.model import Calibration
 from prismstereo_device.codec import encode
+from prismstereo_device.fixed_objects import FixedObjects
 from prismstereo_device.link.loopback import loopback
 from prismstereo_device.match import create
+from prismstereo_device.objects import ObjectNumber
 from prismstereo_device.pipeline import Pipeline
 from prismstereo_device.service import DeviceIdentity, Service
 from prismstereo_device.source import ProducedFrame
@@ -40,7 +42,8 @@ def measure() -> list[BenchRow]:
     pair = pipeline.rectifier.rectify(pipeline.split(twin.frame()))
     source = _OnDemand(pipeline, twin)
     device, host = loopback()
-    service = Service(source, device, DeviceIdentity(bytes(8), 1), flash.pack(calibration), lossless=True)
+    objects = FixedObjects({ObjectNumber.CALIBRATION: flash.pack(calibration)})
+    service = Service(source, device, DeviceIdentity(bytes(8), 1), objects=objects, lossless=True)
     with device, service, StereoCamera(host, keep_all=True) as camera:
         frames = iter(camera)
 

@@ -14,7 +14,6 @@ from prismstereo_calibration.boards.detection import NamedFrame
 from prismstereo_calibration.errors import CalibrationError
 from prismstereo_calibration.light.flat_field import measure
 from prismstereo_calibration.light.matched_gain import gain_between
-from prismstereo_calibration.seam import Seam
 from prismstereo_calibration.model import Calibration
 from prismstereo_calibration.photometry import (
     GainMap,
@@ -24,6 +23,7 @@ from prismstereo_calibration.photometry import (
     of_part,
     part_of,
 )
+from prismstereo_calibration.seam import Seam
 from prismstereo_hw.errors import ImageError
 from prismstereo_hw.rig import Mode, Rig
 from prismstereo_hw.scene import facing_plane

@@ -17,10 +17,10 @@ from prismstereo_calibration.common_field import common_field
 from prismstereo_calibration.errors import CalibrationError
 from prismstereo_calibration.light.flat_field import measure
 from prismstereo_calibration.light.measured_mask import measured_mask
-from prismstereo_calibration.seam import Seam
 from prismstereo_calibration.model import Calibration
 from prismstereo_calibration.rectification import rectification
 from prismstereo_calibration.rectified_reasons import rectified_reasons
+from prismstereo_calibration.seam import Seam
 from prismstereo_calibration.static_mask import (
     StaticMask,
     StaticMaskPart,

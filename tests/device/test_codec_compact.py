@@ -115,6 +115,19 @@ def test_the_reference_reads_two_hundred_maps_pixel_for_pixel() -> None:
     assert own > 20
 
 
+@pytest.mark.parametrize("bound", BOUNDS)
+@pytest.mark.parametrize("name", [name for name, steps in MAPS.items() if steps.size < 2000])
+def test_the_reference_reads_the_extremes_pixel_for_pixel(name: str, bound: int) -> None:
+    steps = MAPS[name]
+    height, width = steps.shape
+    encoded = encode_stripes(steps, bound)
+    parts = [
+        codec_reference.decode(stripe, min(16, height - 16 * top), width, bound, encoded.tables)
+        for top, stripe in enumerate(encoded.stripes)
+    ]
+    assert list(chain.from_iterable(parts)) == decoded(encoded, steps.shape, bound).ravel().tolist()
+
+
 def test_the_reference_reads_the_tables_of_a_whole_scene() -> None:
     steps = slanted_scene()
     for bound in BOUNDS:

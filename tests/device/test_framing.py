@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from prismstereo_device.framing import Deframer, Framer, LineStatistics, Packet, encode
 from prismstereo_device.wire import FIRST, LAST, LIMITS, REPLY, RESERVED, Channel, WireError
@@ -87,26 +88,66 @@ def test_garbage_between_packets_costs_at_most_the_packet_after_it(garbage: byte
     assert found in (packets, packets[:where] + packets[where + 1 :])
 
 
-@pytest.mark.parametrize("rate", [1e-5, 1e-4, 1e-3, 1e-2])
-@pytest.mark.parametrize("fault", ["flip", "drop", "repeat", "zero", "ones"])
-def test_a_faulty_line_gives_no_wrong_packet_and_keeps_those_it_did_not_touch(fault: str, rate: float) -> None:
-    random = np.random.default_rng(5)
-    packets = numbered(1500, size=200)
-    stream = np.frombuffer(on_the_line(packets), np.uint8)
+RATES = [1e-5, 1e-4, 1e-3, 1e-2]
+FAULTS = ["bit", "byte", "drop", "repeat", "burst", "zero", "ones"]
+BURST = 20
+
+
+def damaged(stream: NDArray[np.uint8], fault: str, rate: float, random: np.random.Generator) -> bytes:
     hit = random.random(stream.size) < rate
+    if fault == "burst":
+        hit = np.convolve(hit, np.ones(BURST))[: stream.size] > 0
     damage = {
-        "flip": lambda: np.where(hit, stream ^ (1 << random.integers(0, 8, stream.size)), stream).astype(np.uint8),
+        "bit": lambda: np.where(hit, stream ^ (1 << random.integers(0, 8, stream.size)), stream).astype(np.uint8),
+        "byte": lambda: np.where(hit, stream ^ random.integers(1, 256, stream.size), stream).astype(np.uint8),
         "drop": lambda: stream[~hit],
         "repeat": lambda: np.repeat(stream, 1 + hit),
+        "burst": lambda: np.where(hit, random.integers(0, 256, stream.size), stream).astype(np.uint8),
         "zero": lambda: np.where(hit, 0, stream).astype(np.uint8),
         "ones": lambda: np.where(hit, 255, stream).astype(np.uint8),
     }
-    found = Deframer(SESSION).feed(damage[fault]().tobytes())
-    sent = {packet.seq: packet for packet in packets}
-    assert all(packet == sent[packet.seq] for packet in found)
-    length = stream.size / len(packets)
-    untouched = (1 - rate) ** length
-    assert len(found) / len(packets) >= untouched - 0.03
+    return damage[fault]().tobytes()
+
+
+def over_a_faulty_line(count: int, fault: str, rate: float, seed: int) -> tuple[int, float, int]:
+    """Send `count` packets: how many came through untouched, which share should have, and how many came wrong."""
+    random = np.random.default_rng(seed)
+    packets = numbered(count, size=200)
+    stream = np.frombuffer(on_the_line(packets), np.uint8)
+    found = Deframer(SESSION).feed(damaged(stream, fault, rate, random))
+    wrong = sum(packet != packets[packet.seq] for packet in found)
+    length = stream.size / count + (BURST - 1 if fault == "burst" else 0)
+    return len(found), (1 - rate) ** length, wrong
+
+
+@pytest.mark.parametrize("rate", RATES)
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_faulty_line_gives_no_wrong_packet_and_keeps_those_it_did_not_touch(fault: str, rate: float) -> None:
+    found, untouched, wrong = over_a_faulty_line(1500, fault, rate, seed=5)
+    assert wrong == 0
+    assert abs(found / 1500 - untouched) < 0.03
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("rate", RATES)
+@pytest.mark.parametrize("fault", FAULTS)
+def test_of_fifty_thousand_packets_over_a_faulty_line_none_is_wrong(fault: str, rate: float) -> None:
+    found, untouched, wrong = over_a_faulty_line(50_000, fault, rate, seed=6)
+    print(f"{fault:6} at {rate:g} a byte: {found} of 50,000 packets, {untouched:.1%} untouched, {wrong} wrong")
+    assert wrong == 0
+    assert abs(found / 50_000 - untouched) < 0.03
+
+
+@pytest.mark.soak
+def test_of_two_million_random_candidates_none_passes_for_a_packet() -> None:
+    random, deframer = np.random.default_rng(7), Deframer(SESSION)
+    found = []
+    for _ in range(200):
+        noise = random.integers(0, 256, 2_560_000, dtype=np.uint8)
+        found += deframer.feed(noise.tobytes())
+    print(f"random bytes: {deframer.statistics.bad} candidates refused, {len(found)} taken")
+    assert deframer.statistics.bad > 1_900_000
+    assert found == []
 
 
 def test_another_session_is_not_heard() -> None:

@@ -11,7 +11,7 @@ import pytest
 from prismstereo_device.link import Link, LinkLost, PortError, open_link
 from prismstereo_device.link.loopback import loopback
 from prismstereo_device.link.pty_port import PtyPort
-from prismstereo_device.link.serial_port import SerialPort, mtu_for_baud, write_in_pieces
+from prismstereo_device.link.serial_port import SerialPort, read_what_waits, write_in_pieces
 from prismstereo_device.link.tcp import TcpClient, TcpServer
 
 Pair = tuple[Link, Link]
@@ -111,6 +111,16 @@ def test_the_host_notices_that_the_camera_is_gone(pair: Pair) -> None:
         host.read(1.0)
 
 
+def test_a_serial_port_that_was_pulled_out_says_so_whatever_is_done_with_it() -> None:
+    device = PtyPort()
+    with SerialPort(device.name) as host:
+        device.close()
+        with pytest.raises(LinkLost, match="check the cable"):
+            host.write(b"x")
+        with pytest.raises(LinkLost, match="check the cable"):
+            host.read(0.1)
+
+
 def test_a_pty_outlives_its_hosts() -> None:
     with PtyPort() as device:
         for greeting in (b"first", b"second", b"third"):
@@ -185,6 +195,9 @@ def test_a_serial_write_through_pyserial_alone_counts_what_was_taken() -> None:
         assert drain(device, 1000) == b"x" * 1000
         taken = write_in_pieces(port, MEGABYTE, 0.2)
         assert 0 < taken < len(MEGABYTE)
+        device.write(b"back")
+        assert read_what_waits(port, 0.5) in (b"b", b"back")
+        assert read_what_waits(port, 0.0) in (b"", b"ack")
 
 
 def test_a_port_that_is_not_there_is_an_error_with_a_mend() -> None:
@@ -281,10 +294,3 @@ def test_what_was_sent_before_the_loopback_closed_is_still_read() -> None:
     assert host.read(0.1) == b"last words"
     with pytest.raises(LinkLost):
         host.read(0.1)
-
-
-@pytest.mark.parametrize(
-    ("baud", "mtu"), [(115_200, 240), (230_400, 240), (921_600, 512), (3_000_000, 1024), (12_000_000, 4096)]
-)
-def test_slow_lines_have_short_packets(baud: int, mtu: int) -> None:
-    assert mtu_for_baud(baud) == mtu

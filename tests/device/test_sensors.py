@@ -1,23 +1,21 @@
-"""Sensors: the twin and recorded frames behind the interface of a camera."""
+"""Sensors: the twin behind the interface of a camera, addresses, options, pace."""
 
 from __future__ import annotations
 
 import time
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 
 from prismstereo_device.sensors import SENSORS, Sensor, open_sensor
 from prismstereo_device.sensors.base import Pace
-from prismstereo_device.sensors.replay import ReplaySensor
+from prismstereo_device.sensors.options import Options
 from prismstereo_device.sensors.twin import TwinSensor
-from prismstereo_hw.errors import ImageError, RigError, SessionError, UsageError
+from prismstereo_hw.errors import RigError, UsageError
 from prismstereo_hw.frame import RawFrame
 from prismstereo_hw.rig import Rig
 from prismstereo_hw.scene import named
-from prismstereo_hw.session import SessionWriter
 from prismstereo_hw.twin import Twin
 
 
@@ -80,90 +78,22 @@ def test_a_rig_file_may_lie_in_a_folder_with_a_colon(tmp_path: Path, small: Rig)
     assert sensor.twin.scene.name == "plane:700"
 
 
-# ---- recorded frames
-
-
-@pytest.fixture
-def session(tmp_path: Path, small: Rig) -> Path:
-    folder = tmp_path / "session"
-    writer, twin = SessionWriter(folder, small), Twin(small, named(small, "desk"))
-    for index in (0, 1, 5):
-        writer.add("video", twin.frame(index))
-    writer.finish()
-    return folder
-
-
-def test_a_session_is_replayed_with_its_times_and_its_rig(session: Path, small: Rig) -> None:
-    sensor = open_sensor(f"replay:{session}")
-    assert sensor.rig == small
-    frames = everything(sensor)
-    assert [(frame.index, frame.timestamp_us) for frame in frames] == [(0, 0), (1, 33_333), (5, 166_667)]
-    assert sensor.read() is None
-
-
-def test_only_as_many_frames_are_given_as_asked_for(session: Path) -> None:
-    assert len(everything(open_sensor(f"replay:{session}", frames=2))) == 2
-    assert everything(open_sensor(f"replay:{session}", frames=0)) == []
-
-
-def test_a_folder_of_pictures_is_replayed_in_order_of_names(tmp_path: Path, rng: np.random.Generator) -> None:
-    pictures = rng.integers(0, 256, (3, 60, 80), np.uint8)
-    for name, picture in zip(("c.png", "a.bmp", "b.PGM"), pictures, strict=True):
-        cv2.imwrite(str(tmp_path / name.lower()), picture)
-        (tmp_path / name.lower()).rename(tmp_path / name)
-    (tmp_path / "notes.txt").write_text("not a picture")
-    frames = everything(ReplaySensor(tmp_path))
-    for frame, index in zip(frames, (1, 2, 0), strict=True):
-        np.testing.assert_array_equal(frame.pixels, pictures[index])
-    assert [frame.timestamp_us for frame in frames] == [0, 33_333, 66_667]
-    assert ReplaySensor(tmp_path).rig is None
-
-
-def test_one_picture_is_one_frame(tmp_path: Path, rng: np.random.Generator) -> None:
-    picture = rng.integers(0, 256, (60, 80, 3), np.uint8)
-    cv2.imwrite(str(tmp_path / "one.png"), picture)
-    (frame,) = everything(open_sensor(f"replay:{tmp_path / 'one.png'}"))
-    np.testing.assert_array_equal(frame.pixels, picture)
-
-
-def test_a_damaged_picture_is_an_error_when_its_turn_comes(tmp_path: Path) -> None:
-    cv2.imwrite(str(tmp_path / "0.png"), np.zeros((60, 80), np.uint8))
-    (tmp_path / "1.png").write_bytes(b"")
-    sensor = ReplaySensor(tmp_path)
-    assert sensor.read() is not None
-    with pytest.raises(ImageError, match=r"1\.png is cut off or empty"):
-        sensor.read()
-
-
-@pytest.mark.parametrize("path", ["missing", "empty", "a" * 5000])
-def test_there_must_be_something_to_replay(tmp_path: Path, path: str) -> None:
-    (tmp_path / "empty").mkdir()
-    with pytest.raises(
-        ImageError, match=r"there is nothing to replay at .*: give a session folder, a folder of pictures"
-    ):
-        open_sensor(f"replay:{tmp_path / path}")
-
-
-def test_a_session_without_video_has_nothing_to_replay(tmp_path: Path, small: Rig) -> None:
-    SessionWriter(tmp_path / "still", small).finish()
-    with pytest.raises(SessionError, match="holds no video frames: there is nothing to replay"):
-        open_sensor(f"replay:{tmp_path / 'still'}")
-
-
-def test_a_session_that_lost_frames_is_refused_at_once(session: Path) -> None:
-    (session / "video" / "000001.png").unlink()
-    with pytest.raises(SessionError, match="holds 2 of the 3 pictures"):
-        open_sensor(f"replay:{session}")
-
-
 # ---- addresses and pace
 
 
-@pytest.mark.parametrize("address", ["", "twin", "twin:", "replay:", "webcam:0", "TWIN:oak-1", ":"])
+@pytest.mark.parametrize(
+    "address", ["", "twin", "twin:", "replay:", "v4l2:", "url:", "webcam:0", "TWIN:oak-1", ":", "picamera2", "oak"]
+)
 def test_an_unknown_address_is_refused_with_the_kinds_there_are(address: str) -> None:
     with pytest.raises(UsageError, match=r"there is no sensor .*: give twin:RIG\[:SCENE\] or replay:PATH") as caught:
         open_sensor(address)
     assert all(kind in str(caught.value) for kind in SENSORS)
+
+
+def test_a_password_in_an_address_that_is_wrong_is_not_said() -> None:
+    with pytest.raises(UsageError, match="there is no sensor 'rtsp:': give") as caught:
+        open_sensor("rtsp://user:secret@192.168.1.20/stream")
+    assert "secret" not in str(caught.value)
 
 
 def test_an_unknown_rig_or_scene_is_refused_by_its_own_rule() -> None:
@@ -207,3 +137,44 @@ def test_without_a_pace_nobody_waits() -> None:
     for _ in range(1000):
         pace.wait()
     assert time.monotonic() - begin < 0.1
+
+
+# ---- options
+
+
+def test_options_are_read_by_name_and_kind() -> None:
+    name, options = Options.behind("/dev/video0?width=1280&rate=29.97&colour=0", ("width", "rate", "colour", "gain"))
+    assert name == "/dev/video0"
+    assert options.whole("width") == 1280
+    assert options.number("rate") == 29.97
+    assert options.flag("colour", default=True) is False
+    assert options.number("gain") is None
+    assert Options("", ("width",)).whole("width") is None
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("wide=3", "there is no option 'wide' of this sensor: give width, rate"),
+        ("width=3&width=4", "given twice"),
+        ("width", "not KEY=VALUE&KEY=VALUE"),
+        ("width=0", "width=0: give a whole number from 1"),
+        ("width=²", "width=²: give a whole number from 1"),
+        ("width=99999999999999999999999999", "give a whole number from 1"),
+        ("rate=nan", "rate=nan: give a positive number"),
+        ("rate=-3", "rate=-3: give a positive number"),
+        ("rate=inf", "rate=inf: give a positive number"),
+        ("rate=" + "9" * 5000, "at most 4096"),
+    ],
+)
+def test_an_option_that_cannot_be_is_refused(text: str, complaint: str) -> None:
+    with pytest.raises(UsageError, match=complaint):
+        _ = (options := Options(text, ("width", "rate"))).whole("width"), options.number("rate")
+
+
+def test_a_choice_and_a_flag_take_their_words_only() -> None:
+    options = Options("pace=quick&loop=perhaps", ("pace", "loop"))
+    with pytest.raises(UsageError, match="pace=quick: give one of free, recorded"):
+        options.choice("pace", ("free", "recorded"), "free")
+    with pytest.raises(UsageError, match="loop=perhaps: give 1 or 0"):
+        options.flag("loop", default=False)

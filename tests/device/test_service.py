@@ -3,131 +3,37 @@ from __future__ import annotations
 import threading
 import time
 import tracemalloc
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from prismstereo_calibration.window import DisparityWindow
-from prismstereo_device.disparity import DisparityMap
-from prismstereo_device.framing import Deframer, Framer, Packet
+from device.service_host import IDENTITY, Blocking, Breaking, Counting, Host, disparity
+from prismstereo_device.fixed_objects import FixedObjects
+from prismstereo_device.framing import Framer
 from prismstereo_device.link import Link
 from prismstereo_device.link.loopback import loopback
+from prismstereo_device.objects import ObjectNumber
 from prismstereo_device.protocol import (
+    Capability,
     FrameAck,
-    FrameAssembler,
-    Health,
     HealthFlag,
     Hello,
     HelloKind,
     HelloReply,
     Ping,
     Pong,
-    ReadReply,
-    ReadRequest,
-    ReadStatus,
-    ReceivedFrame,
     calibration_hash,
     read_control,
     read_hello,
 )
-from prismstereo_device.service import DeviceIdentity, ProducedFrame, Service
-from prismstereo_device.session import Session
-from prismstereo_device.wire import REPLY, Channel, WireError
+from prismstereo_device.service import DeviceIdentity, Service
+from prismstereo_device.wire import Channel, WireError
 from prismstereo_hw.errors import DeviceError
 
-IDENTITY = DeviceIdentity(b"serial-1", 77)
 CALIBRATION = bytes(range(256)) * 40
-
-
-def disparity(seed: int = 0, height: int = 64, width: int = 80) -> DisparityMap:
-    steps = np.random.default_rng(seed).integers(0, 4000, (height, width), dtype=np.uint16)
-    return DisparityMap.from_fixed_point(steps, DisparityWindow(256, -1.0, 5000.0))
-
-
-class Counting:
-    """A source of numbered frames, as fast as they are asked for, or one each `period_s`."""
-
-    def __init__(self, frames: int, period_s: float = 0.0) -> None:
-        self.made = 0
-        self._frames = frames
-        self._period_s = period_s
-
-    def read(self) -> ProducedFrame | None:
-        if self.made == self._frames:
-            return None
-        time.sleep(self._period_s)
-        self.made += 1
-        return ProducedFrame(self.made - 1, self.made * 1000, None, disparity(self.made - 1))
-
-
-class Blocking(Counting):
-    """A source that computes until it is let go."""
-
-    def __init__(self) -> None:
-        super().__init__(0)
-        self.go = threading.Event()
-
-    def read(self) -> None:
-        self.go.wait(20)
-
-
-class Breaking(Counting):
-    def read(self) -> ProducedFrame | None:
-        if self.made == self._frames:
-            raise DeviceError("the sensor was pulled out")
-        return super().read()
-
-
-class Host:
-    """The other end, by hand: says what it is told to say and keeps what it hears."""
-
-    def __init__(self, link: Link, nonce: int = 5) -> None:
-        self.link = link
-        self.nonce = nonce
-        self.framer = Framer(nonce)
-        self.deframer = Deframer(nonce)
-        self.assembler = FrameAssembler()
-        self.heard: list[Packet] = []
-        self.frames: list[ReceivedFrame] = []
-
-    def say(self, channel: Channel, body: bytes, msg: int = 0) -> None:
-        self.link.write(self.framer.encode(channel, body, msg=msg))
-
-    def hear(self) -> list[Packet]:
-        packets = self.deframer.feed(self.link.read(0.02))
-        self.heard += packets
-        for packet in packets:
-            if packet.channel == Channel.DISP:
-                self.frames += self.assembler.feed(packet)
-        return packets
-
-    def hear_until(self, found: Callable[[], bool], timeout_s: float = 5.0, *, acknowledge: bool = False) -> None:
-        deadline = time.monotonic() + timeout_s
-        while not found():
-            assert time.monotonic() < deadline, "the service did not say it in time"
-            self.hear()
-            if acknowledge and self.assembler.newest_started is not None:
-                self.say(Channel.CTRL, FrameAck(self.assembler.newest_started).pack())
-
-    def hear_next(self, channel: Channel) -> Packet:
-        self.heard.clear()
-        self.hear_until(lambda: bool(self.on(channel)))
-        return next(packet for packet in self.heard if packet.channel == channel)
-
-    def on(self, channel: Channel) -> list[bytes]:
-        return [packet.payload for packet in self.heard if packet.channel == channel]
-
-    def meet(self) -> HelloReply:
-        self.say(Channel.HELLO, Hello(self.nonce).pack())
-        self.hear_until(lambda: bool(self.on(Channel.HELLO)))
-        reply = read_hello(self.on(Channel.HELLO)[0])
-        assert isinstance(reply, HelloReply)
-        return reply
-
-    def health(self) -> list[Health]:
-        return [Health.unpack(body) for body in self.on(Channel.HEALTH)]
+OBJECTS = FixedObjects({ObjectNumber.CALIBRATION: CALIBRATION})
 
 
 @pytest.fixture
@@ -139,9 +45,9 @@ def line() -> Iterator[tuple[Link, Link]]:
 
 def test_hello_is_answered_with_who_the_camera_is(line: tuple[Link, Link]) -> None:
     device, host_end = line
-    with Service(Counting(0), device, IDENTITY, CALIBRATION):
+    with Service(Counting(0), device, IDENTITY, objects=OBJECTS):
         reply = Host(host_end).meet()
-    assert reply == HelloReply(1, 5, 4096, b"serial-1", 77, calibration_hash(CALIBRATION))
+    assert reply == HelloReply(1, 5, 4096, b"serial-1", 77, calibration_hash(CALIBRATION), Capability.COMPACT)
 
 
 def test_nothing_is_sent_before_a_hello(line: tuple[Link, Link]) -> None:
@@ -262,32 +168,6 @@ def test_a_source_that_breaks_is_told_and_the_service_lives_on(line: tuple[Link,
         assert str(service.failure) == "the sensor was pulled out"
 
 
-def test_the_calibration_is_read_in_parts(line: tuple[Link, Link]) -> None:
-    device, host_end = line
-    content = b""
-    with Service(Counting(0), device, IDENTITY, CALIBRATION):
-        host = Host(host_end)
-        host.meet()
-        while len(content) < len(CALIBRATION):
-            host.say(Channel.BULK, ReadRequest(1, 0, len(content), 4096).pack(), msg=len(content) & 0xFFFF)
-            packet = host.hear_next(Channel.BULK)
-            assert packet.flags & REPLY
-            assert packet.msg == len(content) & 0xFFFF
-            content += ReadReply.unpack(packet.payload).data
-    assert content == CALIBRATION
-
-
-@pytest.mark.parametrize("calibration", [b"", CALIBRATION])
-def test_an_object_that_is_not_there_is_refused(line: tuple[Link, Link], calibration: bytes) -> None:
-    device, host_end = line
-    with Service(Counting(0), device, IDENTITY, calibration):
-        host = Host(host_end)
-        host.meet()
-        host.say(Channel.BULK, ReadRequest(2 if calibration else 1, 0, 0, 100).pack())
-        host.hear_until(lambda: bool(host.on(Channel.BULK)))
-    assert ReadReply.unpack(host.on(Channel.BULK)[0]).status is ReadStatus.NO_SUCH_OBJECT
-
-
 def test_versions_that_do_not_meet_are_refused_with_the_cameras_own(line: tuple[Link, Link]) -> None:
     device, host_end = line
     with Service(Counting(3), device, IDENTITY) as service:
@@ -397,35 +277,8 @@ def test_a_service_ends_when_its_link_does() -> None:
     assert [str(error) for error in runner_raised] == ["the line loopback is closed"]
 
 
-def test_a_service_refuses_what_the_wire_cannot_carry(line: tuple[Link, Link]) -> None:
+def test_an_identity_that_the_wire_cannot_carry_is_refused() -> None:
     with pytest.raises(WireError, match="8 bytes"):
         DeviceIdentity(b"short", 1)
     with pytest.raises(WireError, match="32 bits"):
         replace(IDENTITY, boot_id=-1)
-    with pytest.raises(WireError, match="262145 bytes"):
-        Service(Counting(0), line[0], IDENTITY, bytes(262_145))
-
-
-def test_a_session_ends_in_silence_and_forgives_frames_that_were_lost_on_the_line() -> None:
-    session = Session(5, now_s=100.0)
-    for frame in (7, 8, 9):
-        assert session.may_stream(100.0)
-        session.begin_frame(frame)
-        session.end_frame(100.0)
-    assert not session.may_stream(100.1)
-    session.acknowledge(FrameAck(7))
-    assert session.may_stream(100.1)
-    session.begin_frame(10)
-    session.end_frame(100.2)
-    session.acknowledge(FrameAck(7))  # the host repeats itself: 8, 9 and 10 are still out
-    assert not session.may_stream(101.0)
-    assert not session.may_stream(102.0)  # nothing heard since: it may be the host that is gone
-    session.hear(101.9)
-    assert session.may_stream(102.0)
-    assert session.alive(104.8)
-    assert not session.alive(104.9)
-    assert not session.may_stream(105.0)
-
-
-def test_a_session_with_nobody_is_never_alive() -> None:
-    assert not Session(0, now_s=100.0).may_stream(100.0)

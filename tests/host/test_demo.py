@@ -51,7 +51,7 @@ def test_a_device_that_vanishes_in_the_middle_is_named_and_what_came_before_is_k
 def test_the_driver_delivers_the_frames_so_far_and_then_says_that_the_device_is_gone() -> None:
     with (
         SimulatedDevice("twin:oak-1:plane:600", frames=500, lossless=False) as device,
-        StereoCamera.open(device.address, timeout_s=30) as camera,
+        StereoCamera.open(device.address, timeout_s=30, reconnect=False) as camera,
     ):
         frames = iter(camera)
         first = next(frames)

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from prismstereo_calibration.boards.detection import NamedFrame
-from prismstereo_calibration.seam import Seam
 from prismstereo_calibration.light.seam_band import seam_band
 from prismstereo_calibration.photometry import Photometry, ViewLight
+from prismstereo_calibration.seam import Seam
 from prismstereo_hw.errors import ImageError
 from prismstereo_hw.view import View
 

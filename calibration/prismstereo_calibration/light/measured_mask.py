@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from prismstereo_calibration.common_field import SIDES, common_field, raw_pixels
 from prismstereo_calibration.errors import CalibrationError
 from prismstereo_calibration.light.flat_field import FlatField
-from prismstereo_calibration.seam import Seam
 from prismstereo_calibration.light.seam_band import seam_band
 from prismstereo_calibration.model import Calibration
+from prismstereo_calibration.seam import Seam
 from prismstereo_calibration.static_mask import StaticMask, StaticReason
 
 __all__ = ["VIGNETTED_BELOW", "measured_mask"]

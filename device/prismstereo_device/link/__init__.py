@@ -7,19 +7,20 @@ from prismstereo_device.link.base import Link, LinkLost, PortError
 __all__ = ["Link", "LinkLost", "PortError", "open_link"]
 
 
-def open_link(port: str, *, baud: int | None = None, timeout_s: float = 5.0) -> Link:
+def open_link(port: str, *, baud: int | None = None, timeout_s: float = 5.0, rtscts: bool | None = None) -> Link:
     """Open the host's end: a serial port (`/dev/ttyACM0`, `COM3`), or `tcp:HOST:PORT` (also with `//`).
 
-    `baud` matters to a real UART alone. Raises PortError where there is nothing to open.
+    `baud` matters to a real UART alone (default 921600), and so does `rtscts`, its handshake: on, off, or, with None, on
+    above 1 Mbaud where the other end is seen to take part. Raises PortError where there is nothing to open.
     """
     if port.lower().startswith("tcp:"):
         from prismstereo_device.link.tcp import TcpClient
 
         host, number = _address(port)
         return TcpClient(host, number, timeout_s)
-    from prismstereo_device.link.serial_port import DEFAULT_BAUD, SerialPort
+    from prismstereo_device.link.serial_port import SerialPort
 
-    return SerialPort(port, DEFAULT_BAUD if baud is None else baud)
+    return SerialPort(port, baud, rtscts=rtscts)
 
 
 def _address(url: str) -> tuple[str, int]:

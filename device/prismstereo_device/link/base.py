@@ -27,9 +27,10 @@ class Link(ABC):
     raises LinkLost. The links of a camera that waits for hosts (`PtyPort`, `TcpServer`) outlive the hosts.
     """
 
-    def __init__(self, name: str, mtu: int = LIMITS.payload) -> None:
+    def __init__(self, name: str, mtu: int = LIMITS.payload, bytes_per_s: float | None = None) -> None:
         self._name = name
         self._mtu = mtu
+        self._bytes_per_s = bytes_per_s
 
     @property
     def name(self) -> str:
@@ -40,6 +41,11 @@ class Link(ABC):
     def mtu(self) -> int:
         """The largest payload of a packet, in bytes, that keeps this link's latency low."""
         return self._mtu
+
+    @property
+    def bytes_per_s(self) -> float | None:
+        """What this end writes in a second at most, to keep pace with the line; None where it does not know the line."""
+        return self._bytes_per_s
 
     @abstractmethod
     def read(self, timeout_s: float) -> bytes:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import select
 import time
@@ -12,14 +13,20 @@ _MOST = 65536
 
 
 def read_some(descriptor: int, timeout_s: float) -> bytes:
-    """Wait for bytes and return what is there, at most 64 KiB; b"" when the time is over. Raises OSError."""
+    """Wait for bytes and return what is there, at most 64 KiB; b"" when the time is over.
+
+    Raises OSError, also where the other end hung up: a terminal then is ready to be read and holds nothing.
+    """
     ready, _, _ = select.select([descriptor], [], [], timeout_s)
     if not ready:
         return b""
     try:
-        return os.read(descriptor, _MOST)
+        data = os.read(descriptor, _MOST)
     except BlockingIOError:
         return b""
+    if not data:
+        raise OSError(errno.EIO, "the other end hung up")
+    return data
 
 
 def write_some(descriptor: int, data: bytes, timeout_s: float) -> int:

@@ -6,6 +6,7 @@ import time
 from threading import Condition
 
 from prismstereo_device.link.base import Link, LinkLost
+from prismstereo_device.link.pacing import Pacer, packet_bytes
 from prismstereo_device.wire import LIMITS
 
 __all__ = ["LoopbackLink", "loopback"]
@@ -60,10 +61,11 @@ class _Lane:
 class LoopbackLink(Link):
     """One end of the line that `loopback` makes; closing either end closes the line."""
 
-    def __init__(self, name: str, incoming: _Lane, outgoing: _Lane, mtu: int) -> None:
-        super().__init__(name, mtu)
+    def __init__(self, name: str, incoming: _Lane, outgoing: _Lane, mtu: int, bytes_per_s: float | None = None) -> None:
+        super().__init__(name, mtu, bytes_per_s)
         self._incoming = incoming
         self._outgoing = outgoing
+        self._pacer = None if bytes_per_s is None else Pacer(bytes_per_s, packet_bytes(mtu))
 
     def read(self, timeout_s: float) -> bytes:
         """Wait for at least one byte and return everything that is there; b"" when the time is over."""
@@ -74,6 +76,11 @@ class LoopbackLink(Link):
 
     def write(self, data: bytes, timeout_s: float = 1.0) -> int:
         """Hand over bytes; returns how many were taken in time."""
+        if self._pacer is not None:
+            return self._pacer.write(data, timeout_s, self._put)
+        return self._put(data, timeout_s)
+
+    def _put(self, data: bytes, timeout_s: float) -> int:
         taken = self._outgoing.put(data, timeout_s)
         if taken is None:
             raise LinkLost(f"the line {self.name} is closed")
@@ -85,7 +92,15 @@ class LoopbackLink(Link):
         self._outgoing.close()
 
 
-def loopback(mtu: int = LIMITS.payload, capacity: int = _CAPACITY) -> tuple[LoopbackLink, LoopbackLink]:
-    """Make a line with `capacity` bytes of buffer each way; returns the camera's end and the host's."""
+def loopback(
+    mtu: int = LIMITS.payload, capacity: int = _CAPACITY, *, bytes_per_s: float | None = None
+) -> tuple[LoopbackLink, LoopbackLink]:
+    """Make a line with `capacity` bytes of buffer each way; returns the camera's end and the host's.
+
+    Each end writes at `bytes_per_s`, as to a serial line; None: at once.
+    """
     to_host, to_device = _Lane(capacity), _Lane(capacity)
-    return LoopbackLink("loopback", to_device, to_host, mtu), LoopbackLink("loopback", to_host, to_device, mtu)
+    return (
+        LoopbackLink("loopback", to_device, to_host, mtu, bytes_per_s),
+        LoopbackLink("loopback", to_host, to_device, mtu, bytes_per_s),
+    )

@@ -8,6 +8,8 @@ from pathlib import Path
 
 from prismstereo_device.link.base import Link, LinkLost, PortError
 from prismstereo_device.link.descriptor import read_some, write_some
+from prismstereo_device.link.pacing import Pacer, line_bytes_per_s, packet_bytes
+from prismstereo_device.link.serial_port import mtu_for_baud
 from prismstereo_device.wire import LIMITS
 
 __all__ = ["PtyPort"]
@@ -16,14 +18,18 @@ __all__ = ["PtyPort"]
 class PtyPort(Link):
     """A new pseudo-terminal in raw mode; `name` is the path for the host, `link_path` an optional symbolic link to it.
 
-    Hosts come and go: the host's end is kept open here too, so that reading never fails because nobody is there. Nobody
-    there also means that the line fills up (some kilobytes) and `write` takes less. Raises PortError where no terminal
-    is to be had (not a POSIX system), or where something other than a symbolic link is at `link_path`.
+    With a `baud` it is written to as a UART of that speed is, in packets of the length that suits it, unless `mtu` says
+    otherwise. Hosts come and go: the host's end is kept open here too, so that reading never fails because nobody is
+    there. Nobody there also means that the line fills up (some kilobytes) and `write` takes less. Raises PortError where
+    no terminal is to be had (not a POSIX system), or where something other than a symbolic link is at `link_path`.
     """
 
-    def __init__(self, link_path: Path | None = None, mtu: int = LIMITS.payload) -> None:
+    def __init__(self, link_path: Path | None = None, mtu: int | None = None, *, baud: int | None = None) -> None:
         self._device, self._host = _open_raw()
-        super().__init__(os.ttyname(self._host), mtu)
+        suitable = LIMITS.payload if baud is None else mtu_for_baud(baud)
+        pace = None if baud is None else line_bytes_per_s(baud)
+        super().__init__(os.ttyname(self._host), suitable if mtu is None else mtu, pace)
+        self._pacer = None if pace is None else Pacer(pace, packet_bytes(self.mtu))
         self._link_path = link_path
         if link_path is not None:
             try:
@@ -43,9 +49,15 @@ class PtyPort(Link):
     def write(self, data: bytes, timeout_s: float = 1.0) -> int:
         """Hand over bytes; returns how many were taken in time."""
         try:
-            return write_some(self._device, data, timeout_s)
+            if self._pacer is not None:
+                return self._pacer.write(data, timeout_s, self._take)
+            return self._take(data, timeout_s)
         except (OSError, ValueError) as error:
             raise self._lost(error) from error
+
+    def fileno(self) -> int:
+        """Give the camera's descriptor, which never blocks, to wait on several at once; -1 after `close`."""
+        return self._device
 
     def close(self) -> None:
         """End the terminal, as if the cable were pulled, and remove the symbolic link if it is still ours."""
@@ -57,6 +69,9 @@ class PtyPort(Link):
             with contextlib.suppress(OSError):
                 if self._link_path.readlink() == Path(self.name):
                     self._link_path.unlink()
+
+    def _take(self, data: bytes, timeout_s: float) -> int:
+        return write_some(self._device, data, timeout_s)
 
     def _lost(self, error: Exception) -> LinkLost:
         return LinkLost(f"the pseudo-terminal {self.name} is closed ({error})")

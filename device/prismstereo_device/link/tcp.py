@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import select
 import socket
+import sys
 import time
 
 from prismstereo_device.link.base import Link, LinkLost, PortError
@@ -17,7 +18,10 @@ from prismstereo_device.wire import LIMITS
 __all__ = ["TcpClient", "TcpServer"]
 
 _MOST = 65536
+_BUFFER_BYTES = 65536  # each way: 60 MB/s at a millisecond there and back, and no more than 0.2 MB that nobody has read
+_UNSENT_BYTES = 16384  # of these, what has not left yet: a newer packet waits for no more
 _LAST_READS = 16
+_TCP_NOTSENT_LOWAT = 25  # Linux's number; Python names it from 3.12 on
 
 
 class TcpClient(Link):
@@ -155,6 +159,10 @@ class TcpServer(Link):
 def _prepare(connection: socket.socket) -> None:
     connection.settimeout(0.0)
     connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    for side in (socket.SO_SNDBUF, socket.SO_RCVBUF):  # left to itself, a system keeps megabytes of old frames
+        connection.setsockopt(socket.SOL_SOCKET, side, _BUFFER_BYTES)
+    if sys.platform == "linux":
+        connection.setsockopt(socket.IPPROTO_TCP, _TCP_NOTSENT_LOWAT, _UNSENT_BYTES)
 
 
 def _readable(connection: socket.socket, timeout_s: float) -> bool:

@@ -7,10 +7,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import ClassVar, Self
 
-from prismstereo_device.protocol.body import read_fields
+from prismstereo_device.protocol.body import read_fields, read_grown
 from prismstereo_device.wire import LIMITS, WireError
 
 __all__ = ["FrameAck", "Ping", "Pong", "read_control"]
+
+_PERMILLE = 1000
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,25 +59,31 @@ class Pong:
 class FrameAck:
     """Acknowledge frames, cumulatively: the newest one whose start was seen, and how many more there is room for.
 
-    Repeated every 100 ms, so that a lost one costs nothing. `room` 0 asks the device to wait.
+    Repeated every 100 ms, so that a lost one costs nothing. `room` 0 asks the device to wait. `loss_permille` is the share of
+    packets that lately reached the host damaged, or not at all: what the device should size its packets by.
     """
 
     newest_frame: int
     room: int = LIMITS.frames_unacknowledged
+    loss_permille: int = 0
 
     KIND: ClassVar[int] = 3
     _LAYOUT: ClassVar[struct.Struct] = struct.Struct("<BI")
+    _ROOM: ClassVar[struct.Struct] = struct.Struct("<B")
+    _LOSS: ClassVar[struct.Struct] = struct.Struct("<H")
 
     def pack(self) -> bytes:
         """Give the body's bytes."""
-        return self._LAYOUT.pack(self.KIND, self.newest_frame) + bytes([min(self.room, 255)])
+        room, loss = min(self.room, 255), max(0, min(self.loss_permille, _PERMILLE))
+        return self._LAYOUT.pack(self.KIND, self.newest_frame) + self._ROOM.pack(room) + self._LOSS.pack(loss)
 
     @classmethod
     def unpack(cls, body: bytes) -> Self:
-        """Read an acknowledgement, with or without the room; raises WireError."""
+        """Read an acknowledgement, with or without room and loss; raises WireError."""
         (newest_frame,) = _fields(cls._LAYOUT, body, cls.KIND, "a frame acknowledgement")
-        room = body[cls._LAYOUT.size] if len(body) > cls._LAYOUT.size else LIMITS.frames_unacknowledged
-        return cls(newest_frame, room)
+        (room,) = read_grown(cls._ROOM, body, cls._LAYOUT.size) or (LIMITS.frames_unacknowledged,)
+        (loss,) = read_grown(cls._LOSS, body, cls._LAYOUT.size + cls._ROOM.size) or (0,)
+        return cls(newest_frame, room, min(loss, _PERMILLE))
 
 
 def _fields(layout: struct.Struct, body: bytes, due: int, what: str) -> tuple[int, ...]:

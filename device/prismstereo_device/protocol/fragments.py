@@ -1,4 +1,4 @@
-"""A frame's stripes as packets, and back.
+"""A frame's stripes and coding tables as packets, and back.
 
 The first fragment is the head alone. The others begin with `frame u32, first_stripe u16` and carry whole stripes, one
 after the other: `len u16, n_escape u16, bytes`. A lost packet so costs its stripes and nothing else.
@@ -6,24 +6,28 @@ after the other: `len u16, n_escape u16, bytes`. A lost packet so costs its stri
 A stripe that does not fit one packet is cut into pieces, one a packet: bit 15 of `first_stripe` is set, and after the
 same `len u16, n_escape u16` of the whole stripe come `offset u16, bytes`. Pieces follow one another in order; losing
 one costs that stripe.
+
+Coding tables that do not fit beside the head travel before the first stripe, in the same form, as the stripe 32767.
 """
 
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from prismstereo_device.protocol.body import read_fields
 from prismstereo_device.wire import LIMITS, WireError
 
-__all__ = ["Piece", "cut", "read_fragment"]
+__all__ = ["TABLES", "Piece", "cut", "read_fragment"]
+
+TABLES = 0x7FFF  # in the place of a stripe's number
 
 _PREFIX = struct.Struct("<IH")
 _STRIPE = struct.Struct("<HH")
 _OFFSET = struct.Struct("<H")
 _CUT = 0x8000
-_NO_ESCAPES = 0  # codec 1 has none
+_NO_ESCAPES = 0  # neither codec counts them here
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,15 +46,15 @@ class Piece:
         return len(self.data) == self.total
 
 
-def cut(frame: int, stripes: list[bytes], mtu: int) -> Iterator[bytes]:
-    """Lay stripes into payloads of at most `mtu` bytes, in order.
+def cut(frame: int, stripes: Sequence[bytes], mtu: int, first: int = 0) -> Iterator[bytes]:
+    """Lay stripes, numbered from `first`, into payloads of at most `mtu` bytes, in order.
 
     Raises WireError where a stripe or the MTU is beyond the limits.
     """
     if not LIMITS.payload_min <= mtu <= LIMITS.payload:
         raise WireError(f"an MTU of {mtu}: {LIMITS.payload_min} to {LIMITS.payload} bytes are possible")
     payload = b""
-    for number, stripe in enumerate(stripes):
+    for number, stripe in enumerate(stripes, first):
         if len(stripe) > LIMITS.stripe:
             raise WireError(f"a stripe of {len(stripe)} bytes: at most {LIMITS.stripe} can be sent")
         record = _STRIPE.pack(len(stripe), _NO_ESCAPES) + stripe

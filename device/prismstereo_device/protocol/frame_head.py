@@ -8,13 +8,15 @@ from dataclasses import dataclass
 from typing import ClassVar, Self
 
 from prismstereo_calibration.window import DisparityWindow
+from prismstereo_device.codec.tables import BOUNDS
 from prismstereo_device.protocol.body import read_fields
 from prismstereo_device.wire import LIMITS, WireError
 
-__all__ = ["FRACTION_BITS", "DisparityHead"]
+__all__ = ["FRACTION_BITS", "HEAD_SIZE", "DisparityHead"]
 
 FRACTION_BITS = 4  # a step is 1/16 px
 _LENS_UNKNOWN = -1
+_APART = 0x8000  # the tables are not in this packet
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,8 +24,8 @@ class DisparityHead:
     """Size, coding and meaning of one frame.
 
     `timestamp_us` is the device's clock at mid-exposure, `calibration_hash` the first 4 bytes of the calibration's,
-    `near` the codec's largest error in steps (0: exact), `filter_set` which filters ran, `table` the codec's own.
-    The window's offset and scale travel as 32-bit floats.
+    `near` the codec's largest error in steps (0: exact), `filter_set` which filters ran, `table` the codec's own tables, or
+    `table_apart` their size where they follow in packets of their own. The window's offset and scale travel as 32-bit floats.
     """
 
     frame: int
@@ -39,6 +41,7 @@ class DisparityHead:
     filter_set: int = 0
     near: int = 0
     table: bytes = b""
+    table_apart: int = 0
 
     _LAYOUT: ClassVar[struct.Struct] = struct.Struct("<IQHHBBBBH4sHffiHH")
 
@@ -61,7 +64,7 @@ class DisparityHead:
                 self.window.scale_px,
                 _LENS_UNKNOWN if self.lens_position is None else self.lens_position,
                 self.filter_set,
-                len(self.table),
+                (self.table_apart | _APART) if self.table_apart else len(self.table),
             )
             + self.table
         )
@@ -76,9 +79,11 @@ class DisparityHead:
             raise WireError(f"frame {frame} has {fraction_bits} fraction bits: version 1 has {FRACTION_BITS}")
         if not (math.isfinite(offset_px) and math.isfinite(scale_px) and scale_px >= 0):
             raise WireError(f"frame {frame} has offset {offset_px}, scale {scale_px}: finite, the scale not negative")
-        table = body[cls._LAYOUT.size : cls._LAYOUT.size + table_length]
-        if len(table) != table_length:
-            raise WireError(f"frame {frame} announces a table of {table_length} bytes and has {len(table)}")
+        apart = table_length & ~_APART if table_length & _APART else 0
+        due = 0 if table_length & _APART else table_length
+        table = body[cls._LAYOUT.size : cls._LAYOUT.size + due]
+        if len(table) != due:
+            raise WireError(f"frame {frame} announces a table of {due} bytes and has {len(table)}")
         head = cls(
             frame,
             timestamp_us,
@@ -93,12 +98,13 @@ class DisparityHead:
             filter_set,
             near,
             table,
+            apart,
         )
         head.check()
         return head
 
     def check(self) -> None:
-        """Raise WireError where the size is beyond the limits or the stripes do not cover it exactly."""
+        """Raise WireError where a number is beyond the limits or the stripes do not cover the frame exactly."""
         if not (1 <= self.width <= LIMITS.frame_side and 1 <= self.height <= LIMITS.frame_side):
             raise WireError(f"frame {self.frame} is {self.width} x {self.height}: 1 to {LIMITS.frame_side} each")
         rows = self.stripe_rows
@@ -106,7 +112,16 @@ class DisparityHead:
             raise WireError(f"frame {self.frame} has stripes of {rows} rows: 1 to {LIMITS.stripe_pixels} pixels each")
         if self.stripes != -(-self.height // rows) or self.stripes > LIMITS.stripes:
             raise WireError(f"frame {self.frame} has {self.stripes} stripes of {rows} rows for {self.height} rows")
+        if self.near not in BOUNDS:
+            raise WireError(f"frame {self.frame} has a bound of {self.near} steps: it is one of {BOUNDS}")
+        if max(len(self.table), self.table_apart) > LIMITS.table:
+            raise WireError(
+                f"frame {self.frame} has tables of {max(len(self.table), self.table_apart)} bytes: at most {LIMITS.table}"
+            )
 
     def rows_of(self, stripe: int) -> int:
         """Give the height of one stripe, 0-based; only the last may be lower than the others."""
         return min(self.stripe_rows, self.height - stripe * self.stripe_rows)
+
+
+HEAD_SIZE = DisparityHead._LAYOUT.size  # bytes, tables left out

@@ -26,9 +26,19 @@ VERBS = {
     "convert": "A calibration in the files of ROS, OpenCV, Kalibr, Luxonis or COLMAP, and back.",
     "align": "How a rig stands against its rig file: seam, vertical offset, vergence, focus balance.",
     "depth": "Raw frames to disparity, depth, point cloud and picture.",
+    "measure": "Distances, planes, balls and heights in a frame, each with its standard deviation.",
+    "quality": "How good depth is: fill rate, accuracy, noise, gap and levels, with a report to compare.",
+    "export": "A session or a recording for others: ROS 2 bag, PLY, GLB, LAS, 16-bit PNG, film, URDF.",
     "match": "One rectified pair to a disparity map.",
-    "devices": "List serial ports, or ask one who it is.",
-    "doctor": "Check this installation.",
+    "view": "Watch a sensor, or a recording, in a browser: depth, point cloud, settings, recordings.",
+    "devices": "List ports and the sensors on USB, or ask a sensor who and how it is.",
+    "still": "One full-sensor picture, taken between two video frames.",
+    "flash": "Give a sensor its calibration, read it back, and keep the one before.",
+    "record": "Everything that a sensor sends, into a file that survives a power cut.",
+    "replay": "Is a recording whole? Or its depth anew, by another matcher or calibration.",
+    "recover": "Make a recording whole again that was cut or damaged.",
+    "bench": "What the line between camera and desk stands, with faults on purpose.",
+    "doctor": "Check this installation; with --bundle, gather what a bug report needs.",
 }
 
 
@@ -53,18 +63,25 @@ class _LazyGroup(click.Group):
             formatter.write_dl(list(VERBS.items()))
 
 
-@click.group(cls=_LazyGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+_HELP = """Single-camera stereo depth: one lens, one prism, two mirrors.
+
+\b
+Begin with:
+  prismstereo demo                        the whole way with a simulated sensor
+  prismstereo design oak-1                what a rig gives
+  prismstereo calibrate VIEWS... --help   measure a built unit
+"""  # \b keeps click from joining the lines below it
+
+
+@click.group(
+    cls=_LazyGroup,
+    help=_HELP,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
+)
 @click.version_option(package_name="prismstereo")
 @click.option("-v", "--verbose", count=True, help="Say more on stderr; twice for everything.")
 def cli(verbose: int) -> None:
-    r"""Single-camera stereo depth: one lens, one prism, two mirrors.
-
-    \b
-    Begin with:
-      prismstereo demo                        the whole way with a simulated sensor
-      prismstereo design oak-1                what a rig gives
-      prismstereo calibrate VIEWS... --help   measure a built unit
-    """
+    """Set up the log; the verbs do the rest."""
     level = (logging.WARNING, logging.INFO, logging.DEBUG)[min(verbose, 2)]
     logging.basicConfig(level=level, stream=sys.stderr, format="%(levelname)s %(name)s: %(message)s")
 

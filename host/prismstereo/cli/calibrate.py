@@ -14,9 +14,9 @@ if TYPE_CHECKING:
     from prismstereo.cli.calibrate_input import Given
     from prismstereo_calibration.boards.board import Board
     from prismstereo_calibration.boards.detection import Detection
-    from prismstereo_calibration.seam import Seam
     from prismstereo_calibration.model import Calibration
     from prismstereo_calibration.outputs import Output
+    from prismstereo_calibration.seam import Seam
     from prismstereo_calibration.solving.solve import Solution
 
 _SWITCH = {"auto": None, "on": True, "off": False}

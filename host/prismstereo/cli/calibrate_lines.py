@@ -13,8 +13,8 @@ from prismstereo_calibration.rectification import rectification
 if TYPE_CHECKING:
     from prismstereo_calibration.boards.board import Board
     from prismstereo_calibration.judging.quality import Quality
-    from prismstereo_calibration.seam import Seam
     from prismstereo_calibration.photometry import Photometry
+    from prismstereo_calibration.seam import Seam
     from prismstereo_calibration.solving.solve import Solution
 
 __all__ = ["account", "lines"]

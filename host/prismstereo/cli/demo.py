@@ -24,19 +24,22 @@ if TYPE_CHECKING:
     "--scene", default="desk", show_default=True, help="desk, face, toy-car, street, plane:MM, sphere:MM or board:MM."
 )
 @click.option("--frames", default=12, show_default=True, type=click.IntRange(1, 10_000), help="Frames to receive.")
-@click.option("--port", help="A sensor that runs already (serial port or tcp:HOST:PORT), instead of the simulated one.")
+@click.option(
+    "--port", help="A sensor that runs already, or a recording (see `prismstereo devices`), for the simulated one."
+)
 @click.option("--out", "-o", default="demo", show_default=True, type=click.Path(path_type=Path), help="Results folder.")
-@click.option("--headless", is_flag=True, help="End by itself, show nothing.")
+@click.option("--headless", is_flag=True, help="End by itself, and say no more than the result.")
 @json_option
 def command(rig: str, scene: str, frames: int, port: str | None, out: Path, headless: bool, as_json: bool) -> None:
     """Run simulated sensor, real firmware in a second process, serial line and host; write what comes out.
 
     OUT gets the last frame's depth.png, disparity.pfm and cloud.ply.
     """
-    del headless  # nothing is shown yet that would have to be closed
     received = _from_port(port, frames) if port else _simulated(rig, scene, frames)
     result = received.write(out)
     say(result, received.lines(out), as_json=as_json)
+    if not headless:
+        click.echo(f"see it live in a browser: prismstereo view {port or f'simulated:{rig}:{scene}'}", err=True)
     if received.lost is not None:
         raise received.lost
 
@@ -145,16 +148,16 @@ def _simulated(rig_name: str, scene: str, frames: int) -> _Received:
     click.echo(f"starting the firmware with a simulated {rig.name} before {scene}", err=True)
     with SimulatedDevice(f"twin:{rig_name}:{scene}", frames=frames) as device:
         click.echo(f"the firmware listens on {device.address}", err=True)
-        with StereoCamera.open(device.address, timeout_s=30.0, keep_all=True) as camera:
+        with StereoCamera.open(device.address, timeout_s=30.0, keep_all=True, reconnect=False) as camera:
             received.take(camera, frames)
     received.sent = device.statistics.get("sent")
     return received
 
 
 def _from_port(port: str, frames: int) -> _Received:
-    from prismstereo.driver import StereoCamera
+    from prismstereo.opening import open_camera
 
     received = _Received(None)
-    with StereoCamera.open(port) as camera:
+    with open_camera(port, reconnect=False) as camera:
         received.take(camera, frames)
     return received

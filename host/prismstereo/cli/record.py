@@ -1,0 +1,157 @@
+"""`prismstereo record`: everything that a camera sends, into a file that survives a power cut."""
+
+from __future__ import annotations
+
+import signal
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from types import FrameType
+from typing import TYPE_CHECKING
+
+import click
+
+from prismstereo.cli.output import json_option, say
+from prismstereo_hw.errors import UsageError
+
+if TYPE_CHECKING:
+    from prismstereo.driver import StereoCamera
+    from prismstereo.recording import Recorder
+
+_LOOK_EVERY_S = 0.1
+
+
+@click.command("record", epilog="Example:  prismstereo record --port /dev/ttyACM0 --seconds 60 --out recordings")
+@click.option("--port", metavar="P", help="Serial port, or tcp:HOST:PORT, of the sensor.")
+@click.option("--simulated", metavar="RIG[:SCENE]", help="Record the built-in simulated sensor instead.")
+@click.option("--seconds", type=click.FloatRange(min=0.1), help="Stop after so long; else on Ctrl-C.")
+@click.option("--raw", is_flag=True, help="Keep the sensor's own frames too, so that depth can be computed anew.")
+@click.option("--preview", is_flag=True, help="Keep the rectified left picture too.")
+@click.option("--label", default="", help="What you want to say; it stands inside of the file.")
+@click.option("--views-hz", default=2.0, show_default=True, type=click.FloatRange(0, 100),
+              help="Depth and preview pictures a second for other programs; 0: none.")  # fmt: skip
+@click.option("--keep-free-mb", type=click.FloatRange(min=0),
+              help="Stop when less is left on the disk. Default: 5 % of it or 500 MB, whichever is less.")  # fmt: skip
+@click.option("--out", "-o", required=True, type=click.Path(path_type=Path), help="Folder for the recording.")
+@json_option
+def command(
+    port: str | None, simulated: str | None, seconds: float | None, raw: bool, preview: bool, label: str,
+    views_hz: float, keep_free_mb: float | None, out: Path, as_json: bool,
+) -> None:  # fmt: skip
+    """Record a sensor into a new MCAP file in a folder.
+
+    The file is named by time (UTC) and device. It holds every packet of the device with check sums, the calibration, events,
+    and pictures in standard schemas for other programs. It is made safe every second; on Ctrl-C, SIGTERM, or when the disk
+    gets full, it is ended in good order.
+    """
+    from prismstereo.recording import Recorder
+
+    least = None if keep_free_mb is None else round(keep_free_mb * 1e6)
+    with (
+        _stop_signals() as stopping,
+        _camera(port, simulated) as camera,
+        _switched_on(camera, raw=raw, preview=preview),
+    ):
+        with Recorder(camera, out, label=label, views_hz=views_hz, least_free_bytes=least) as recorder:
+            click.echo(f"recording {camera.identity.device_id.hex()} into {recorder.path}", err=True)
+            _wait(camera, recorder, stopping, seconds)
+        _tell(camera, recorder, as_json=as_json)
+
+
+def _wait(camera: StereoCamera, recorder: Recorder, stopping: threading.Event, seconds: float | None) -> None:
+    """Wait for whatever ends the recording first: the time, a signal, the disk, the camera."""
+    from prismstereo.events import CameraState
+    from prismstereo_device.protocol import HealthFlag
+
+    end_s = None if seconds is None else time.monotonic() + seconds
+    while not (stopping.is_set() or recorder.wait(_LOOK_EVERY_S)):
+        health = camera.statistics.health
+        if health is not None and HealthFlag.END_OF_STREAM in health.flags:
+            return
+        if camera.state is CameraState.ENDED or (end_s is not None and time.monotonic() >= end_s):
+            return
+
+
+def _tell(camera: StereoCamera, recorder: Recorder, *, as_json: bool) -> None:
+    from prismstereo.events import CameraState
+    from prismstereo.recording import RecordingError
+    from prismstereo_device.link import LinkLost
+
+    written, seen = recorder.statistics, camera.statistics
+    result: dict[str, object] = {
+        "file": recorder.path,
+        "seconds": written.seconds,
+        "bytes": written.bytes,
+        "packets": written.packets,
+        "packets_dropped": written.dropped,
+        "sessions": written.sessions,
+        "frames": seen.frames,
+        "frames_partial": seen.partial,
+        "frames_lost": seen.lost,
+        "pictures_dropped": 0 if seen.health is None else seen.health.pictures_dropped,
+        "reason": recorder.reason or None,
+    }
+    lines = [
+        f"{recorder.path}: {written.seconds:.1f} s, {written.bytes / 1e6:.1f} MB, {written.packets} packets, "
+        f"{seen.frames} frames ({seen.partial} partial, {seen.lost} lost on the way)",
+        f"{written.dropped} packets dropped because the disk was slow, {result['pictures_dropped']} pictures by the camera",
+    ]
+    say(result, lines, as_json=as_json)
+    if recorder.reason:
+        raise RecordingError(f"the recording ended early, and is readable up to there: {recorder.reason}")
+    if camera.state is CameraState.ENDED:
+        raise LinkLost("the sensor went away for good: what came before is recorded")
+
+
+@contextmanager
+def _camera(port: str | None, simulated: str | None) -> Iterator[StereoCamera]:
+    from prismstereo.driver import StereoCamera
+    from prismstereo.simulated import SimulatedDevice
+
+    if (port is None) == (simulated is None):
+        raise UsageError("say what to record: --port P of a sensor, or --simulated RIG[:SCENE]")
+    if port is not None:
+        with StereoCamera.open(port) as camera:
+            yield camera
+        return
+    with (
+        SimulatedDevice(f"twin:{simulated}", lossless=False) as device,
+        StereoCamera.open(device.address, timeout_s=30.0) as camera,
+    ):
+        yield camera
+
+
+@contextmanager
+def _switched_on(camera: StereoCamera, *, raw: bool, preview: bool) -> Iterator[None]:
+    """Let the camera send what else is to be recorded, and leave it afterwards as it was."""
+    from prismstereo_hw.errors import DeviceError
+
+    wanted = [name for name, on in (("raw", raw), ("preview", preview)) if on]
+    before = {name: camera.get(name) for name in wanted}
+    for name in wanted:
+        camera.set(name, value=True)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            with suppress(DeviceError):  # where it is gone, its settings are gone with it
+                camera.set(name, value)
+
+
+@contextmanager
+def _stop_signals() -> Iterator[threading.Event]:
+    """Take SIGINT and SIGTERM as the wish to stop in good order."""
+    stopping = threading.Event()
+
+    def stop(number: int, frame: FrameType | None) -> None:
+        del number, frame
+        stopping.set()
+
+    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield stopping
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

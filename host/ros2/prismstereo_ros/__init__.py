@@ -1,0 +1,1 @@
+"""A ROS 2 node around `prismstereo.StereoCamera`; what messages hold is decided in `prismstereo.export`."""
