@@ -11,9 +11,9 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from prismstereo_device.log_ring import LogRing
-from prismstereo_device.options import read_options
-from prismstereo_device.starting import serve, what_would_run
+from prismstereo_device.program.options import read_options
+from prismstereo_device.program.starting import serve, what_would_run
+from prismstereo_device.serving.log_ring import LogRing
 from prismstereo_hw.errors import PrismStereoError
 
 __all__ = ["REBOOT", "main"]

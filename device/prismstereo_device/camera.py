@@ -9,17 +9,17 @@ from dataclasses import dataclass
 
 import msgspec
 
-from prismstereo_device.controls import Controls
+from prismstereo_device.control.controls import Controls
+from prismstereo_device.control.optics_watch import OpticsWatch
+from prismstereo_device.control.self_test import Facts
+from prismstereo_device.control.sensor_settings import focus, put, put_changed
+from prismstereo_device.control.settings import AUTO, SettingRules, Settings
+from prismstereo_device.control.stills import Stills
 from prismstereo_device.frame_maker import FrameMaker
 from prismstereo_device.matching import Matching
-from prismstereo_device.optics_watch import OpticsWatch
 from prismstereo_device.reopening import Patience, ReopeningSensor
-from prismstereo_device.self_test import Facts
-from prismstereo_device.sensor_settings import focus, put, put_changed
 from prismstereo_device.sensors.base import Sensor
-from prismstereo_device.settings import AUTO, SettingRules, Settings
 from prismstereo_device.source import ProducedFrame
-from prismstereo_device.stills import Stills
 from prismstereo_device.timing import Timing
 from prismstereo_hw.errors import DataError, DeviceError, PrismStereoError, UsageError
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import logging
 from dataclasses import replace
 
+from prismstereo_device.control.optics_watch import OpticsWatch
+from prismstereo_device.control.settings import Settings
 from prismstereo_device.disparity import DisparityMap
 from prismstereo_device.matching import Matching
-from prismstereo_device.optics_watch import OpticsWatch
 from prismstereo_device.rectify import RectifiedPair
-from prismstereo_device.settings import Settings
 from prismstereo_device.source import ProducedFrame
 from prismstereo_device.timing import Timing
 from prismstereo_hw.errors import DataError, PrismStereoError, UsageError

@@ -12,10 +12,10 @@ import msgspec
 from prismstereo_calibration import flash
 from prismstereo_calibration.model import Calibration
 from prismstereo_device import match
+from prismstereo_device.control.settings import AUTO, Settings
 from prismstereo_device.filters import PRESETS, FilterChain
 from prismstereo_device.match import MatchSettings
 from prismstereo_device.pipeline import Pipeline
-from prismstereo_device.settings import AUTO, Settings
 from prismstereo_device.zones import ZoneFinder
 from prismstereo_hw.errors import UsageError
 

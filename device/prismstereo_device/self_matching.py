@@ -12,18 +12,18 @@ from typing import Protocol
 
 from prismstereo_calibration import flash
 from prismstereo_calibration.model import Calibration
-from prismstereo_device.assembly import (
+from prismstereo_device.control.identity import board_temperature_c, device_id
+from prismstereo_device.objects import ObjectNumber
+from prismstereo_device.program.assembly import (
     Assembly,
     Program,
     first_calibration,
     rate_control_of,
     shelf_of,
 )
-from prismstereo_device.configuration import Configuration
-from prismstereo_device.device_identity import DeviceIdentity
-from prismstereo_device.identity import board_temperature_c, device_id
-from prismstereo_device.objects import ObjectNumber
+from prismstereo_device.program.configuration import Configuration
 from prismstereo_device.protocol.hello import Capability
+from prismstereo_device.serving.device_identity import DeviceIdentity
 from prismstereo_device.source import ProducedFrame
 from prismstereo_device.state import CalibrationSlots, Disk
 from prismstereo_hw.errors import UsageError

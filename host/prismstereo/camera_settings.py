@@ -8,8 +8,8 @@ from typing import Literal, cast, get_args
 
 import msgspec
 
+from prismstereo_device.control.settings import SettingRule
 from prismstereo_device.protocol.command import Value
-from prismstereo_device.settings import SettingRule
 from prismstereo_device.wire import WireError
 from prismstereo_hw.errors import UsageError
 

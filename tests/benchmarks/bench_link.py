@@ -22,11 +22,11 @@ from benchmarks.row import BenchRow
 from device.disparity_corpus import PAIRS, by_sgbm, matched_pair, views_of
 from prismstereo.driver import StereoCamera
 from prismstereo_calibration.window import DisparityWindow
-from prismstereo_device.device_identity import DeviceIdentity
 from prismstereo_device.disparity import DisparityMap
 from prismstereo_device.link.pty_port import PtyPort
-from prismstereo_device.rate_control import RateControl
-from prismstereo_device.service import Service
+from prismstereo_device.serving.device_identity import DeviceIdentity
+from prismstereo_device.serving.rate_control import RateControl
+from prismstereo_device.serving.service import Service
 from prismstereo_device.source import ProducedFrame
 
 SECONDS = 10.0

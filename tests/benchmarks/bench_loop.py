@@ -9,12 +9,12 @@ from prismstereo.driver import StereoCamera
 from prismstereo_calibration import flash
 from prismstereo_calibration.model import Calibration
 from prismstereo_device.codec import encode
-from prismstereo_device.fixed_objects import FixedObjects
 from prismstereo_device.link.loopback import loopback
 from prismstereo_device.match import create
 from prismstereo_device.objects import ObjectNumber
 from prismstereo_device.pipeline import Pipeline
-from prismstereo_device.service import DeviceIdentity, Service
+from prismstereo_device.serving.fixed_objects import FixedObjects
+from prismstereo_device.serving.service import DeviceIdentity, Service
 from prismstereo_device.source import ProducedFrame
 from prismstereo_hw.rig import Rig
 from prismstereo_hw.scene import desk

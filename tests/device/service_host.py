@@ -25,7 +25,7 @@ from prismstereo_device.protocol import (
     ReceivedPicture,
     read_hello,
 )
-from prismstereo_device.service import DeviceIdentity
+from prismstereo_device.serving.service import DeviceIdentity
 from prismstereo_device.source import ProducedFrame
 from prismstereo_device.wire import Channel
 from prismstereo_hw.errors import DeviceError

@@ -15,16 +15,16 @@ import numpy as np
 from prismstereo_calibration import flash
 from prismstereo_calibration.model import Calibration
 from prismstereo_device.camera import CameraDesk, CameraSource
-from prismstereo_device.controls import Controls
+from prismstereo_device.control.controls import Controls
+from prismstereo_device.control.optics_watch import OpticsWatch
+from prismstereo_device.control.self_test import Facts
+from prismstereo_device.control.settings import SettingRules, Settings
+from prismstereo_device.control.stills import Stills
 from prismstereo_device.matching import Matching
 from prismstereo_device.objects import Held
-from prismstereo_device.optics_watch import OpticsWatch
 from prismstereo_device.reopening import Patience
-from prismstereo_device.self_test import Facts
 from prismstereo_device.sensors.base import Exposure, Limit, Sensor, SensorLimits, SensorMode, Still
-from prismstereo_device.settings import SettingRules, Settings
 from prismstereo_device.state import MemoryDisk
-from prismstereo_device.stills import Stills
 from prismstereo_hw.errors import DeviceError, UsageError
 from prismstereo_hw.frame import RawFrame
 from prismstereo_hw.rig import Mode, Rig

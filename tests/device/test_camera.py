@@ -15,12 +15,12 @@ from device.small_camera import AtOnce, DrawnSensor, SmallCamera, plain_calibrat
 from prismstereo_calibration import flash
 from prismstereo_calibration.errors import CalibrationError
 from prismstereo_calibration.model import Calibration
+from prismstereo_device.control.settings import Settings
+from prismstereo_device.control.stills import StillRequest, Stills
 from prismstereo_device.objects import Held
 from prismstereo_device.protocol.command import Value
 from prismstereo_device.sensors.base import Exposure, Sensor
-from prismstereo_device.settings import Settings
 from prismstereo_device.source import ProducedFrame
-from prismstereo_device.stills import StillRequest, Stills
 from prismstereo_hw.errors import DeviceError, UsageError
 from prismstereo_hw.rig import Mode
 

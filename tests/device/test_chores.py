@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from prismstereo_device.chores import Chores
+from prismstereo_device.control.chores import Chores
 
 
 def test_chores_are_done_in_their_order_and_a_failed_one_is_in_the_log(caplog: pytest.LogCaptureFixture) -> None:

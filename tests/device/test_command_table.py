@@ -13,10 +13,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from device.small_camera import AtOnce, DrawnSensor, SmallCamera
-from prismstereo_device.command_table import ACTIONS, CommandTable, Machine
+from prismstereo_device.control.command_table import ACTIONS, CommandTable, Machine
+from prismstereo_device.control.settings import Settings
 from prismstereo_device.objects import Progress, WriteStatus
 from prismstereo_device.protocol.command import Command, CommandReply, CommandStatus, Value, Verb
-from prismstereo_device.settings import Settings
 
 
 class Desk:

@@ -9,9 +9,9 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from prismstereo_device.configuration import Configuration
-from prismstereo_device.options import read_options
-from prismstereo_device.settings import Settings
+from prismstereo_device.control.settings import Settings
+from prismstereo_device.program.configuration import Configuration
+from prismstereo_device.program.options import read_options
 from prismstereo_hw.errors import UsageError
 
 WHOLE = """

@@ -8,10 +8,10 @@ import msgspec
 import pytest
 
 from device.small_camera import DrawnSensor, plain_calibration, plain_rig
-from prismstereo_device.device_identity import DeviceIdentity
-from prismstereo_device.identity import Names, board_temperature_c, device_id, identity_json, without_password
+from prismstereo_device.control.identity import Names, board_temperature_c, device_id, identity_json, without_password
+from prismstereo_device.control.settings import SettingRules, Settings
 from prismstereo_device.matching import Matching
-from prismstereo_device.settings import SettingRules, Settings
+from prismstereo_device.serving.device_identity import DeviceIdentity
 from prismstereo_device.state import MemoryDisk, RealDisk
 
 MACHINE = "0123456789abcdef0123456789abcdef"

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from prismstereo_device.configuration import Configuration
+from prismstereo_device.program.configuration import Configuration
 
 ROOT = Path(__file__).parents[2]
 IMAGE = ROOT / "device" / "image"

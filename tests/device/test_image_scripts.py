@@ -10,7 +10,7 @@ import pytest
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat
 
-from prismstereo_device.identity import device_id
+from prismstereo_device.control.identity import device_id
 from prismstereo_device.state import MemoryDisk, RealDisk
 from prismstereo_device.update import UpdateInbox, write_bundle
 

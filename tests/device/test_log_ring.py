@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from prismstereo_device.log_ring import LogRing
+from prismstereo_device.serving.log_ring import LogRing
 from prismstereo_hw.errors import DeviceError
 
 

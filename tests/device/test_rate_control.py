@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from device.service_host import smooth
-from prismstereo_device.rate_control import EXACT, LADDER, Mode, RateControl, halved
+from prismstereo_device.serving.rate_control import EXACT, LADDER, Mode, RateControl, halved
 from prismstereo_hw.errors import UsageError
 
 BPS = {"115200": 11_174, "921600": 89_395, "3 M": 291_000, "USB full speed": 1_000_000, "USB high speed": 30_000_000}

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 from itertools import permutations
 
-from prismstereo_device.schedule import TURN_OF, Schedule, Turn
+from prismstereo_device.serving.schedule import TURN_OF, Schedule, Turn
 from prismstereo_device.wire import Channel
 
 

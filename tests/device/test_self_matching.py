@@ -8,11 +8,11 @@ from hashlib import sha256
 from device.service_host import disparity
 from prismstereo_calibration import flash
 from prismstereo_calibration.model import Calibration
-from prismstereo_device.assembly import Program
-from prismstereo_device.configuration import Configuration
-from prismstereo_device.log_ring import LogRing
 from prismstereo_device.objects import ObjectNumber, WriteStatus
+from prismstereo_device.program.assembly import Program
+from prismstereo_device.program.configuration import Configuration
 from prismstereo_device.self_matching import matches_by_itself, self_matching
+from prismstereo_device.serving.log_ring import LogRing
 from prismstereo_device.source import ProducedFrame
 from prismstereo_device.state import MemoryDisk
 

@@ -9,8 +9,7 @@ import msgspec
 import pytest
 
 from device.small_camera import AtOnce, DrawnSensor, SmallCamera
-from prismstereo_device.objects import Held
-from prismstereo_device.self_test import (
+from prismstereo_device.control.self_test import (
     Facts,
     SelfTest,
     Surroundings,
@@ -19,6 +18,7 @@ from prismstereo_device.self_test import (
     findings,
     storage_error,
 )
+from prismstereo_device.objects import Held
 from prismstereo_device.state import MemoryDisk, RealDisk
 
 WELL = Facts(

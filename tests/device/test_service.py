@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from device.service_host import IDENTITY, Blocking, Breaking, Counting, Host, disparity
-from prismstereo_device.fixed_objects import FixedObjects
 from prismstereo_device.framing import Framer
 from prismstereo_device.link import Link
 from prismstereo_device.link.loopback import loopback
@@ -28,7 +27,8 @@ from prismstereo_device.protocol import (
     read_control,
     read_hello,
 )
-from prismstereo_device.service import DeviceIdentity, Service
+from prismstereo_device.serving.fixed_objects import FixedObjects
+from prismstereo_device.serving.service import DeviceIdentity, Service
 from prismstereo_device.wire import Channel, WireError
 from prismstereo_hw.errors import DeviceError
 

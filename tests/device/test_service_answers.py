@@ -8,7 +8,6 @@ from collections.abc import Iterator
 import pytest
 
 from device.service_host import IDENTITY, Counting, Host
-from prismstereo_device.fixed_objects import FixedObjects
 from prismstereo_device.link import Link
 from prismstereo_device.link.loopback import loopback
 from prismstereo_device.objects import Held, ObjectNumber, Progress, WriteStatus
@@ -27,7 +26,8 @@ from prismstereo_device.protocol import (
     WriteReply,
     calibration_hash,
 )
-from prismstereo_device.service import Service
+from prismstereo_device.serving.fixed_objects import FixedObjects
+from prismstereo_device.serving.service import Service
 from prismstereo_device.wire import REPLY, Channel
 
 CALIBRATION = bytes(range(256)) * 40

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from device.service_host import IDENTITY, Counting, Host, Repeating, disparity, smooth
-from prismstereo_device.fixed_objects import FixedObjects
 from prismstereo_device.link import Link
 from prismstereo_device.link.loopback import loopback
 from prismstereo_device.protocol import (
@@ -20,7 +19,8 @@ from prismstereo_device.protocol import (
     ReceivedPicture,
     ZonesMessage,
 )
-from prismstereo_device.service import Service
+from prismstereo_device.serving.fixed_objects import FixedObjects
+from prismstereo_device.serving.service import Service
 from prismstereo_device.source import ProducedFrame
 from prismstereo_device.wire import Channel
 from prismstereo_device.zones import ZoneDistances

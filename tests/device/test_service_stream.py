@@ -16,12 +16,12 @@ from device.service_host import IDENTITY, Breaking, Counting, Host, Repeating, d
 from prismstereo_device.disparity import DisparityMap
 from prismstereo_device.link import Link
 from prismstereo_device.link.loopback import loopback
-from prismstereo_device.protocol import Capability, DisparityHead, FrameAck, HealthFlag, Ping, Pong, read_control
-from prismstereo_device.rate_control import HALVED, RateControl, halved
-from prismstereo_device.service import Service
+from prismstereo_device.protocol import Capability, DisparityHead, HealthFlag, Ping, Pong, read_control
+from prismstereo_device.serving.rate_control import HALVED, RateControl, halved
+from prismstereo_device.serving.service import Service
+from prismstereo_device.serving.status_led import LedState
+from prismstereo_device.serving.watchdog import Notifier
 from prismstereo_device.source import ProducedFrame
-from prismstereo_device.status_led import LedState
-from prismstereo_device.watchdog import Notifier
 from prismstereo_device.wire import FIRST, Channel
 
 STILL_LIFE = smooth(1, 90, 120)

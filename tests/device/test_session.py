@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 from prismstereo_device.protocol import FrameAck
-from prismstereo_device.session import Session
+from prismstereo_device.serving.session import Session
 
 
 def test_a_session_ends_in_silence_and_forgives_frames_that_were_lost_on_the_line() -> None:

@@ -7,10 +7,10 @@ import math
 import msgspec
 import pytest
 
+from prismstereo_device.control.settings import SettingRules, Settings
 from prismstereo_device.match import MATCHERS
 from prismstereo_device.protocol.command import CommandReply, CommandStatus, Value
 from prismstereo_device.sensors.base import Limit, SensorLimits
-from prismstereo_device.settings import SettingRules, Settings
 from prismstereo_hw.errors import UsageError
 
 LIMITS = SensorLimits(

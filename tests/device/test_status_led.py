@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from prismstereo_device.status_led import FolderLed, LedState, NoLed
+from prismstereo_device.serving.status_led import FolderLed, LedState, NoLed
 
 
 @pytest.fixture

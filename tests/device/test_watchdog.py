@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from prismstereo_device.watchdog import Notifier
+from prismstereo_device.serving.watchdog import Notifier
 
 pytestmark = pytest.mark.skipif(
     not hasattr(socket, "AF_UNIX"), reason="service managers with such a socket are on Linux"

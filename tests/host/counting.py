@@ -9,11 +9,11 @@ import numpy as np
 
 from prismstereo_calibration.window import DisparityWindow
 from prismstereo_device.disparity import DisparityMap
-from prismstereo_device.fixed_objects import FixedObjects
 from prismstereo_device.link import Link
 from prismstereo_device.objects import ObjectNumber
 from prismstereo_device.protocol import calibration_hash
-from prismstereo_device.service import DeviceIdentity, ProducedFrame, Service
+from prismstereo_device.serving.fixed_objects import FixedObjects
+from prismstereo_device.serving.service import DeviceIdentity, ProducedFrame, Service
 from prismstereo_hw.errors import DeviceError
 
 IDENTITY = DeviceIdentity(b"serial-1", 77)

@@ -18,7 +18,16 @@ import numpy as np
 import pytest
 
 _PRIMITIVES = {"float32": "float", "float64": "double", "byte": "octet", "bool": "boolean"}
-_CODES = {"int8": "b", "uint8": "B", "int16": "h", "uint16": "H", "int32": "i", "uint32": "I", "float32": "f", "float64": "d"}
+_CODES = {
+    "int8": "b",
+    "uint8": "B",
+    "int16": "h",
+    "uint16": "H",
+    "int32": "i",
+    "uint32": "I",
+    "float32": "f",
+    "float64": "d",
+}
 _WHOLE = {name: (0, 2**bits - 1) for bits in (8, 16, 32, 64) for name in (f"uint{bits}",)} | {
     f"int{bits}": (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1) for bits in (8, 16, 32, 64)
 }
@@ -26,27 +35,27 @@ _BASE, _NAME, _ARRAY = 1, 2, 3  # rosbags' node types; 4 is a sequence
 
 
 class _Message:
-    """What all fake messages are; `_fields` are (name, node type, detail) as rosbags has them."""
+    """What all fake messages are; `ros_fields` are (name, node type, detail) as rosbags has them."""
 
-    kind: str
-    fields: dict[str, tuple[int, Any]]
-    distribution: _Distribution
+    ros_kind: str
+    ros_fields: dict[str, tuple[int, Any]]
+    ros_distribution: _Distribution
 
     def __init__(self, **values: object) -> None:
-        for name, node in self.fields.items():
-            object.__setattr__(self, name, self.distribution.empty(node))
+        for name, node in self.ros_fields.items():
+            object.__setattr__(self, name, self.ros_distribution.empty(node))
         for name, value in values.items():
             setattr(self, name, value)
 
     def __setattr__(self, name: str, value: object) -> None:
-        if name not in self.fields:
-            raise AttributeError(f"{self.kind} has no field {name!r}")
-        self.distribution.require(f"{self.kind}.{name}", self.fields[name], value)
+        if name not in self.ros_fields:
+            raise AttributeError(f"{self.ros_kind} has no field {name!r}")
+        self.ros_distribution.require(f"{self.ros_kind}.{name}", self.ros_fields[name], value)
         object.__setattr__(self, name, value)
 
     @classmethod
     def get_fields_and_field_types(cls) -> dict[str, str]:
-        return {name: _spelled(node) for name, node in cls.fields.items()}
+        return {name: _spelled(node) for name, node in cls.ros_fields.items()}
 
 
 def _spelled(node: tuple[int, Any]) -> str:
@@ -71,7 +80,11 @@ class _Distribution:
     def type_of(self, kind: str) -> type[_Message]:
         if kind not in self._made:
             _, fields = self.store.fielddefs[kind]
-            content = {"kind": kind, "fields": {name: (int(n), d) for name, (n, d) in fields}, "distribution": self}
+            content = {
+                "ros_kind": kind,
+                "ros_fields": {name: (int(n), d) for name, (n, d) in fields},
+                "ros_distribution": self,
+            }
             self._made[kind] = type(kind.rpartition("/")[2], (_Message,), content)
         return self._made[kind]
 
@@ -94,7 +107,8 @@ class _Distribution:
             assert isinstance(value, self.type_of(detail)), where
         elif kind == _ARRAY:
             right = np.dtype(_CODES[detail[0][1][0]])
-            assert isinstance(value, np.ndarray) and value.dtype == right and value.shape == (detail[1],), where
+            assert isinstance(value, np.ndarray), where
+            assert (value.dtype, value.shape) == (right, (detail[1],)), where
         elif isinstance(value, array):
             assert value.typecode == _CODES[detail[0][1][0]], where
         else:
@@ -104,12 +118,12 @@ class _Distribution:
                 self.require(where, inner, item)
 
     def serialised(self, message: _Message) -> bytes:
-        return bytes(self.store.serialize_cdr(self._plain(message), message.kind))
+        return bytes(self.store.serialize_cdr(self._plain(message), message.ros_kind))
 
     def _plain(self, value: Any) -> Any:
         if isinstance(value, _Message):
-            fields = {name: self._field(node, getattr(value, name)) for name, node in value.fields.items()}
-            return self.store.types[value.kind](**fields)
+            fields = {name: self._field(node, getattr(value, name)) for name, node in value.ros_fields.items()}
+            return self.store.types[value.ros_kind](**fields)
         return value[0] if isinstance(value, bytes) else value
 
     def _field(self, node: tuple[int, Any], value: Any) -> Any:
@@ -125,11 +139,12 @@ class _Distribution:
 def _require_base(where: str, name: str, value: object) -> None:
     if name in _WHOLE:
         low, high = _WHOLE[name]
-        assert isinstance(value, int) and not isinstance(value, bool) and low <= value <= high, f"{where}: {value!r}"
+        assert type(value) is int, f"{where}: {value!r}"
+        assert low <= value <= high, f"{where}: {value!r}"
     else:
         right = {"string": str, "bool": bool, "byte": bytes}.get(name, float)
         assert isinstance(value, right), f"{where}: {value!r}"
-        assert name != "byte" or len(value) == 1, where  # type: ignore[arg-type]
+        assert name != "byte" or len(value) == 1, where
 
 
 class Reliability(Enum):
@@ -260,7 +275,7 @@ class Graph:
             package, group, name = kind.split("/")
             if group == "msg":
                 modules.setdefault(f"{package}.msg", {})[name] = kind
-        for name, content in modules.items():
+        for name in tuple(modules):
             for part in (name.partition(".")[0], name):
                 if part not in sys.modules or part == name:
                     monkeypatch.setitem(sys.modules, part, self._module(part, modules.get(part, {})))

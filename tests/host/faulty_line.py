@@ -16,8 +16,8 @@ from prismstereo.link_bench.fault_line import FaultLine
 from prismstereo.link_bench.judging import FrameJudge
 from prismstereo_device.link import open_link
 from prismstereo_device.protocol import Capability
-from prismstereo_device.rate_control import RateControl
-from prismstereo_device.service import DeviceIdentity, Service
+from prismstereo_device.serving.rate_control import RateControl
+from prismstereo_device.serving.service import DeviceIdentity, Service
 
 BAUD = 3_000_000
 WIDTH, HEIGHT = 320, 180

@@ -7,11 +7,11 @@ import pytest
 
 from host.small_device import Answering, SmallDevice
 from prismstereo.driver import StereoCamera
+from prismstereo_device.control.settings import SettingRules, Settings
 from prismstereo_device.link.loopback import loopback
 from prismstereo_device.objects import Held, ObjectNumber
 from prismstereo_device.protocol import Command, CommandReply, CommandStatus
 from prismstereo_device.sensors.base import Limit, SensorLimits, StampQuality
-from prismstereo_device.settings import SettingRules, Settings
 from prismstereo_device.wire import WireError
 from prismstereo_hw.errors import UsageError
 

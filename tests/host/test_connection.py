@@ -17,7 +17,7 @@ from prismstereo_device.link import Link, LinkLost, PortError
 from prismstereo_device.link.loopback import loopback
 from prismstereo_device.link.pty_port import PtyPort
 from prismstereo_device.link.tcp import TcpServer
-from prismstereo_device.service import DeviceIdentity
+from prismstereo_device.serving.service import DeviceIdentity
 from prismstereo_hw.errors import DeviceError
 
 

@@ -18,12 +18,12 @@ from prismstereo.driver import StereoCamera
 from prismstereo.veil import Veil
 from prismstereo_calibration import flash
 from prismstereo_calibration.model import Calibration
-from prismstereo_device.fixed_objects import FixedObjects
 from prismstereo_device.link import Link
 from prismstereo_device.link.loopback import loopback
 from prismstereo_device.link.pty_port import PtyPort
 from prismstereo_device.objects import ObjectNumber
-from prismstereo_device.service import DeviceIdentity, Service
+from prismstereo_device.serving.fixed_objects import FixedObjects
+from prismstereo_device.serving.service import DeviceIdentity, Service
 from prismstereo_hw.errors import UsageError
 from prismstereo_hw.rig import Rig
 

@@ -14,7 +14,6 @@ from prismstereo.frame_pictures import FramePictures
 from prismstereo_calibration.model import Calibration
 from prismstereo_calibration.rectification import rectification
 from prismstereo_device.disparity import DisparityMap
-from prismstereo_device.fixed_objects import FixedObjects
 from prismstereo_device.link.loopback import loopback
 from prismstereo_device.objects import ObjectNumber
 from prismstereo_device.protocol import (
@@ -25,8 +24,9 @@ from prismstereo_device.protocol import (
     picture_fragments,
 )
 from prismstereo_device.protocol.picture_head import PictureHead
-from prismstereo_device.rate_control import halved
-from prismstereo_device.service import DeviceIdentity, Service
+from prismstereo_device.serving.fixed_objects import FixedObjects
+from prismstereo_device.serving.rate_control import halved
+from prismstereo_device.serving.service import DeviceIdentity, Service
 from prismstereo_device.wire import Channel
 from prismstereo_device.zones import ZoneDistances
 from prismstereo_hw.errors import DataError, UsageError

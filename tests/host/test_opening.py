@@ -15,12 +15,12 @@ import prismstereo
 from host.calibrated_source import Wall, eventually
 from prismstereo.recording import Recorder
 from prismstereo_calibration.model import Calibration
-from prismstereo_device.fixed_objects import FixedObjects
 from prismstereo_device.link import Link, LinkLost, PortError
 from prismstereo_device.link.pty_port import PtyPort
 from prismstereo_device.link.tcp import TcpServer
 from prismstereo_device.objects import ObjectNumber
-from prismstereo_device.service import DeviceIdentity, Service
+from prismstereo_device.serving.fixed_objects import FixedObjects
+from prismstereo_device.serving.service import DeviceIdentity, Service
 from prismstereo_hw.errors import DataError, UsageError
 from prismstereo_hw.rig import Rig
 

@@ -29,13 +29,13 @@ from prismstereo.recording import Damage, Recorder, Recording, RecordingError
 from prismstereo.recording import replay as opened
 from prismstereo_calibration import flash
 from prismstereo_calibration.model import Calibration
-from prismstereo_device.fixed_objects import FixedObjects
 from prismstereo_device.link.loopback import loopback
 from prismstereo_device.link.pty_port import PtyPort
 from prismstereo_device.objects import ObjectNumber
 from prismstereo_device.pipeline import Pipeline
 from prismstereo_device.protocol import calibration_hash
-from prismstereo_device.service import DeviceIdentity, ProducedFrame, Service
+from prismstereo_device.serving.fixed_objects import FixedObjects
+from prismstereo_device.serving.service import DeviceIdentity, ProducedFrame, Service
 from prismstereo_hw import pfm
 from prismstereo_hw.errors import DataError, UsageError
 from prismstereo_hw.rig import Rig

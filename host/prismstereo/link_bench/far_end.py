@@ -15,8 +15,8 @@ from prismstereo.link_bench.judging import lens_position_of
 from prismstereo.link_bench.numbered_maps import DIFFERENT, numbered_map
 from prismstereo_device.link import open_link
 from prismstereo_device.protocol import Capability
-from prismstereo_device.rate_control import RateControl
-from prismstereo_device.service import DeviceIdentity, Service
+from prismstereo_device.serving.rate_control import RateControl
+from prismstereo_device.serving.service import DeviceIdentity, Service
 from prismstereo_device.source import ProducedFrame
 
 __all__ = ["NumberedFrames", "main"]

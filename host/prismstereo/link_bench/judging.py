@@ -12,7 +12,7 @@ from prismstereo.link_bench.numbered_maps import DIFFERENT, numbered_map
 from prismstereo_device.codec.baseline import rows_per_stripe
 from prismstereo_device.disparity import DisparityMap
 from prismstereo_device.protocol import ReceivedFrame
-from prismstereo_device.rate_control import HALVED, halved
+from prismstereo_device.serving.rate_control import HALVED, halved
 
 __all__ = ["FrameJudge", "Judgement", "lens_position_of"]
 

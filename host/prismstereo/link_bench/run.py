@@ -18,7 +18,7 @@ from prismstereo.link_bench.fault_line import FaultLine
 from prismstereo.link_bench.fault_plan import FaultPlan
 from prismstereo.link_bench.judging import FrameJudge
 from prismstereo.requests import OutcomeUnknown
-from prismstereo_device.rate_control import HALVED
+from prismstereo_device.serving.rate_control import HALVED
 from prismstereo_hw.errors import PrismStereoError
 
 __all__ = ["run_case"]

@@ -16,22 +16,22 @@ from functools import partial
 from types import TracebackType
 from typing import Self
 
-from prismstereo_device.answers import BulkAnswers, Commands, NoCommands, answer_command
-from prismstereo_device.device_identity import DeviceIdentity
-from prismstereo_device.fixed_objects import FixedObjects
 from prismstereo_device.framing import Deframer, Packet
 from prismstereo_device.link import Link
 from prismstereo_device.objects import Objects
 from prismstereo_device.protocol.control import FrameAck, Ping, Pong, read_control
 from prismstereo_device.protocol.health import HealthFlag
 from prismstereo_device.protocol.hello import Capability, Hello, HelloKind, HelloReply, read_hello
-from prismstereo_device.pulse import Pulse, ServiceStatistics
-from prismstereo_device.rate_control import RateControl, warm_up
-from prismstereo_device.session import Session
+from prismstereo_device.serving.answers import BulkAnswers, Commands, NoCommands, answer_command
+from prismstereo_device.serving.device_identity import DeviceIdentity
+from prismstereo_device.serving.fixed_objects import FixedObjects
+from prismstereo_device.serving.pulse import Pulse, ServiceStatistics
+from prismstereo_device.serving.rate_control import RateControl, warm_up
+from prismstereo_device.serving.session import Session
+from prismstereo_device.serving.status_led import LedState, NoLed, StatusLed
+from prismstereo_device.serving.transmitter import Reply, Transmitter
+from prismstereo_device.serving.watchdog import Notifier
 from prismstereo_device.source import FrameSource, ProducedFrame
-from prismstereo_device.status_led import LedState, NoLed, StatusLed
-from prismstereo_device.transmitter import Reply, Transmitter
-from prismstereo_device.watchdog import Notifier
 from prismstereo_device.wire import FIRST, LAST, REPLY, Channel, WireError
 from prismstereo_hw.errors import PrismStereoError
 

@@ -6,9 +6,9 @@ import argparse
 from dataclasses import dataclass
 from pathlib import Path
 
-from prismstereo_device.configuration import Configuration
 from prismstereo_device.filters import PRESETS
 from prismstereo_device.match import DEFAULT, MATCHERS
+from prismstereo_device.program.configuration import Configuration
 from prismstereo_device.sensors import SENSORS
 
 __all__ = ["Asked", "read_options"]

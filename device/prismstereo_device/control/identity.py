@@ -13,12 +13,12 @@ from pathlib import Path
 
 import msgspec
 
-from prismstereo_device.command_table import ACTIONS
-from prismstereo_device.device_identity import DeviceIdentity
+from prismstereo_device.control.command_table import ACTIONS
+from prismstereo_device.control.settings import SettingRules
 from prismstereo_device.match import MATCHERS
 from prismstereo_device.matching import Matching
 from prismstereo_device.sensors.base import Sensor
-from prismstereo_device.settings import SettingRules
+from prismstereo_device.serving.device_identity import DeviceIdentity
 from prismstereo_device.state import Disk
 
 __all__ = ["Names", "board_temperature_c", "device_id", "identity_json", "program_version", "without_password"]

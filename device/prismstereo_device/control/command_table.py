@@ -9,12 +9,12 @@ from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass
 
-from prismstereo_device.controls import Controls
+from prismstereo_device.control.controls import Controls
+from prismstereo_device.control.optics_watch import OpticsWatch
+from prismstereo_device.control.stills import StillRequest, Stills
 from prismstereo_device.objects import Progress, WriteStatus
-from prismstereo_device.optics_watch import OpticsWatch
 from prismstereo_device.protocol.command import Command, CommandReply, CommandStatus, Value
 from prismstereo_device.sensors.base import SensorMode
-from prismstereo_device.stills import StillRequest, Stills
 from prismstereo_hw.errors import UsageError
 
 __all__ = ["ACTIONS", "CommandTable", "Machine"]

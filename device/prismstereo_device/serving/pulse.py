@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from prismstereo_device.framing import LineStatistics
 from prismstereo_device.protocol.health import Health, HealthFlag
-from prismstereo_device.rate_control import Mode
+from prismstereo_device.serving.rate_control import Mode
 
 __all__ = ["Pulse", "ServiceStatistics"]
 

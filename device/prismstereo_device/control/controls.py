@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import msgspec
 
+from prismstereo_device.control.settings import SettingRules, Settings
 from prismstereo_device.protocol.command import Value
-from prismstereo_device.settings import SettingRules, Settings
 
 __all__ = ["Controls", "Orders"]
 

@@ -10,13 +10,13 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from prismstereo_device.frame_lane import FrameLane
 from prismstereo_device.link import Link
-from prismstereo_device.picture_lanes import PictureLanes
 from prismstereo_device.protocol.zones import ZonesMessage
-from prismstereo_device.rate_control import RateControl
-from prismstereo_device.schedule import TURN_OF, Schedule, Turn
-from prismstereo_device.session import Session
+from prismstereo_device.serving.frame_lane import FrameLane
+from prismstereo_device.serving.picture_lanes import PictureLanes
+from prismstereo_device.serving.rate_control import RateControl
+from prismstereo_device.serving.schedule import TURN_OF, Schedule, Turn
+from prismstereo_device.serving.session import Session
 from prismstereo_device.source import ProducedFrame
 from prismstereo_device.wire import FIRST, LAST, Channel
 

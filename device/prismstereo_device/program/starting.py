@@ -11,7 +11,11 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import asdict
 from pathlib import Path
 
-from prismstereo_device.assembly import (
+from prismstereo_device.control.chores import Chores
+from prismstereo_device.control.identity import program_version
+from prismstereo_device.link import Link
+from prismstereo_device.match import create
+from prismstereo_device.program.assembly import (
     Assembly,
     Program,
     Source,
@@ -21,18 +25,14 @@ from prismstereo_device.assembly import (
     filters_of,
     opened_sensor,
 )
-from prismstereo_device.chores import Chores
-from prismstereo_device.configuration import Configuration
-from prismstereo_device.identity import program_version
-from prismstereo_device.link import Link
-from prismstereo_device.log_ring import LogRing
-from prismstereo_device.match import create
+from prismstereo_device.program.configuration import Configuration
 from prismstereo_device.self_matching import matches_by_itself, self_matching
-from prismstereo_device.service import Service
+from prismstereo_device.serving.log_ring import LogRing
+from prismstereo_device.serving.service import Service
+from prismstereo_device.serving.status_led import FolderLed, NoLed
+from prismstereo_device.serving.watchdog import Notifier
 from prismstereo_device.state import Disk
-from prismstereo_device.status_led import FolderLed, NoLed
 from prismstereo_device.update import read_public_key
-from prismstereo_device.watchdog import Notifier
 from prismstereo_hw.errors import UsageError
 
 __all__ = ["opened_link", "serve", "what_would_run"]

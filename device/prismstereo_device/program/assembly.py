@@ -16,27 +16,27 @@ import msgspec
 from prismstereo_calibration import flash, schema
 from prismstereo_calibration.model import Calibration
 from prismstereo_device.camera import CameraDesk, CameraSource
-from prismstereo_device.command_table import CommandTable, Machine
-from prismstereo_device.configuration import Configuration
-from prismstereo_device.controls import Controls
-from prismstereo_device.device_identity import DeviceIdentity
+from prismstereo_device.control.command_table import CommandTable, Machine
+from prismstereo_device.control.controls import Controls
+from prismstereo_device.control.identity import Names, board_temperature_c, device_id, identity_json, program_version
+from prismstereo_device.control.optics_watch import OpticsWatch
+from prismstereo_device.control.self_test import SelfTest
+from prismstereo_device.control.settings import AUTO, SettingRules
+from prismstereo_device.control.stills import Stills
 from prismstereo_device.filters import FilterChain, chain
 from prismstereo_device.filters import warm_up as warm_up_filters
-from prismstereo_device.identity import Names, board_temperature_c, device_id, identity_json, program_version
-from prismstereo_device.log_ring import LogRing
 from prismstereo_device.match import warm_up
 from prismstereo_device.matching import Matching, filter_set
 from prismstereo_device.objects import Held, ObjectNumber
-from prismstereo_device.optics_watch import OpticsWatch
+from prismstereo_device.program.configuration import Configuration
 from prismstereo_device.protocol.hello import Capability
-from prismstereo_device.rate_control import RateControl
 from prismstereo_device.reopening import Patience
-from prismstereo_device.self_test import SelfTest
 from prismstereo_device.sensors import Sensor, open_sensor
-from prismstereo_device.settings import AUTO, SettingRules
+from prismstereo_device.serving.device_identity import DeviceIdentity
+from prismstereo_device.serving.log_ring import LogRing
+from prismstereo_device.serving.rate_control import RateControl
 from prismstereo_device.source import FrameSource
 from prismstereo_device.state import CalibrationSlots, Disk, MemoryDisk, RealDisk, Shelf, Staging, accepts
-from prismstereo_device.stills import Stills
 from prismstereo_device.update import UpdateInbox, read_public_key
 from prismstereo_hw.errors import UsageError
 from prismstereo_hw.rig import Rig

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
+from prismstereo_device.control.settings import Settings
 from prismstereo_device.sensors.base import Exposure, Sensor
-from prismstereo_device.settings import Settings
 from prismstereo_hw.errors import UsageError
 
 __all__ = ["focus", "put", "put_changed"]

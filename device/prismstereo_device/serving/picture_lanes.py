@@ -16,10 +16,10 @@ from itertools import chain
 import numpy as np
 from numpy.typing import NDArray
 
-from prismstereo_device.frame_lane import Part
 from prismstereo_device.protocol.picture import picture_fragments
 from prismstereo_device.protocol.picture_head import PictureKind
-from prismstereo_device.session import Session
+from prismstereo_device.serving.frame_lane import Part
+from prismstereo_device.serving.session import Session
 from prismstereo_device.source import ProducedFrame
 from prismstereo_device.wire import LAST, WireError
 

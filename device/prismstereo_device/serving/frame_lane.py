@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 from prismstereo_device.disparity import DisparityMap
 from prismstereo_device.protocol.frames import fragment
-from prismstereo_device.rate_control import HALVED, Mode, RateControl, halved
-from prismstereo_device.session import Session
+from prismstereo_device.serving.rate_control import HALVED, Mode, RateControl, halved
+from prismstereo_device.serving.session import Session
 from prismstereo_device.source import ProducedFrame
 from prismstereo_device.wire import LAST, Channel
 

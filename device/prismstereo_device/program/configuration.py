@@ -18,9 +18,9 @@ from typing import Annotated, Literal
 import msgspec
 from msgspec import Meta
 
-from prismstereo_device.identity import without_password
-from prismstereo_device.settings import Settings
-from prismstereo_device.stills import Encoding
+from prismstereo_device.control.identity import without_password
+from prismstereo_device.control.settings import Settings
+from prismstereo_device.control.stills import Encoding
 from prismstereo_hw.errors import UsageError
 
 __all__ = ["Configuration", "LogLevel"]

@@ -24,7 +24,7 @@ from prismstereo_device.protocol.bulk import (
 )
 from prismstereo_device.protocol.command import Command, CommandReply, CommandStatus
 from prismstereo_device.protocol.hello import calibration_hash
-from prismstereo_device.session import Session
+from prismstereo_device.serving.session import Session
 from prismstereo_device.wire import LIMITS
 
 __all__ = ["BulkAnswers", "Commands", "NoCommands", "answer_command"]
