@@ -33,7 +33,9 @@ class ContribPeers:
         self._folder = folder
 
     def __enter__(self) -> ContribPeers:
-        self._process = subprocess.Popen(self._command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, bufsize=1)
+        self._process = subprocess.Popen(
+            self._command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, bufsize=1
+        )
         self._answer()
         return self
 
@@ -66,5 +68,7 @@ class ContribPeers:
         assert self._process.stdout is not None
         line = self._process.stdout.readline()
         if not line:
-            raise RuntimeError(f"{' '.join(self._command)} ended: is opencv-contrib-python-headless in that environment?")
+            raise RuntimeError(
+                f"{' '.join(self._command)} ended: is opencv-contrib-python-headless in that environment?"
+            )
         return line.rstrip("\n")

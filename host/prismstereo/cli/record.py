@@ -20,13 +20,16 @@ if TYPE_CHECKING:
     from prismstereo.driver import StereoCamera
     from prismstereo.recording import Recorder
 
+_FIRST_FRAME_S = (
+    20.0  # a camera that compiles its matcher takes some seconds to its first frame; raw ones alone have none
+)
 _LOOK_EVERY_S = 0.1
 
 
 @click.command("record", epilog="Example:  prismstereo record --port /dev/ttyACM0 --seconds 60 --out recordings")
 @click.option("--port", metavar="P", help="Serial port, or tcp:HOST:PORT, of the sensor.")
 @click.option("--simulated", metavar="RIG[:SCENE]", help="Record the built-in simulated sensor instead.")
-@click.option("--seconds", type=click.FloatRange(min=0.1), help="Stop after so long; else on Ctrl-C.")
+@click.option("--seconds", type=click.FloatRange(min=0.1), help="Stop so long after the first frame; else on Ctrl-C.")
 @click.option("--raw", is_flag=True, help="Keep the sensor's own frames too, so that depth can be computed anew.")
 @click.option("--preview", is_flag=True, help="Keep the rectified left picture too.")
 @click.option("--label", default="", help="What you want to say; it stands inside of the file.")
@@ -65,12 +68,15 @@ def _wait(camera: StereoCamera, recorder: Recorder, stopping: threading.Event, s
     from prismstereo.events import CameraState
     from prismstereo_device.protocol import HealthFlag
 
-    end_s = None if seconds is None else time.monotonic() + seconds
+    begun_s = time.monotonic()
+    end_s: float | None = None
     while not (stopping.is_set() or recorder.wait(_LOOK_EVERY_S)):
-        health = camera.statistics.health
-        if health is not None and HealthFlag.END_OF_STREAM in health.flags:
+        seen, now_s = camera.statistics, time.monotonic()
+        if seen.health is not None and HealthFlag.END_OF_STREAM in seen.health.flags:
             return
-        if camera.state is CameraState.ENDED or (end_s is not None and time.monotonic() >= end_s):
+        if seconds is not None and end_s is None and (seen.frames or now_s - begun_s > _FIRST_FRAME_S):
+            end_s = now_s + seconds
+        if camera.state is CameraState.ENDED or (end_s is not None and now_s >= end_s):
             return
 
 
