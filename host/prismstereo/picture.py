@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from prismstereo_device.disparity import DisparityMap
 
-__all__ = ["Span", "depth_picture", "disparity_colours", "disparity_span"]
+__all__ = ["LEGEND_WIDTH", "Span", "depth_picture", "disparity_colours", "disparity_span"]
 
 Span = tuple[float, float]
 
-_LEGEND_WIDTH = 92
+LEGEND_WIDTH = 92
 _BAR_WIDTH = 16
 _TICKS = 6
 _LOW_PERCENT, _HIGH_PERCENT = 1.0, 99.0
@@ -48,7 +48,7 @@ def depth_picture(disparity: DisparityMap, unit: str = "mm", span: Span | None =
     low, high = span or disparity_span(disparity)
     picture = disparity_colours(disparity, (low, high))
     height = picture.shape[0]
-    legend = np.full((height, _LEGEND_WIDTH, 3), 24, np.uint8)
+    legend = np.full((height, LEGEND_WIDTH, 3), 24, np.uint8)
     ramp = np.linspace(255, 0, max(height - 24, 1)).astype(np.uint8)[:, None]
     bar = cv2.applyColorMap(np.repeat(ramp, _BAR_WIDTH, axis=1), cv2.COLORMAP_TURBO)
     legend[12 : 12 + len(bar), 6 : 6 + _BAR_WIDTH] = bar[: height - 12]

@@ -11,9 +11,13 @@ import pytest
 from host.export_frames import WALL_MM, flat_calibration, frame_of, painted, pinhole_points_m, wall
 from prismstereo.export.film import write_film
 from prismstereo.export.formats import Wishes, export
+from prismstereo.export.frames import ExportFrame
+from prismstereo.export.geometry import Geometries
 from prismstereo.export.las import las_bytes
 from prismstereo_calibration.model import Calibration
 from prismstereo_calibration.rectification import rectification
+from prismstereo_calibration.window import DisparityWindow
+from prismstereo_device.disparity import DisparityMap
 from prismstereo_hw.errors import DataError, UsageError
 from prismstereo_hw.files import read_depth_png, read_picture
 from prismstereo_hw.rig import Rig
@@ -125,6 +129,24 @@ def test_the_colours_of_a_film_mean_one_distance_throughout(flat: Calibration, t
     film.release()
     at = np.s_[60:100, made.width + 100 : made.width + 140]
     np.testing.assert_allclose(first[at].mean(axis=(0, 1)), second[at].mean(axis=(0, 1)), atol=6)
+
+
+def test_a_film_keeps_its_size_through_half_resolution_and_missing_pictures(flat: Calibration, tmp_path: Path) -> None:
+    large = frame_of(flat)
+    small_map = DisparityMap(large.disparity.disparity_px[::2, ::2] / 2, _halved(large.disparity.window))
+    small = ExportFrame.of(1, 5_050_000_000, small_map, None, Geometries(flat))
+
+    assert write_film(tmp_path / "depth.avi", [large, small, large])[0] == 3
+
+    film = cv2.VideoCapture(str(tmp_path / "depth.avi"))
+    first, second, _ = (film.read()[1] for _ in range(3))
+    film.release()
+    at = np.s_[40:160, :300]  # the last picture stands, and depth has its colours
+    assert np.median(np.abs(first[at].astype(int) - second[at])) <= 8
+
+
+def _halved(window: DisparityWindow) -> DisparityWindow:
+    return DisparityWindow((window.labels - 2) // 2 + 2, window.offset_px / 2, window.scale_px / 2)
 
 
 def test_a_film_of_nothing_and_one_of_another_ending_are_refused(flat: Calibration, tmp_path: Path) -> None:

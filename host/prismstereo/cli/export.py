@@ -56,14 +56,16 @@ def command(
     source: Path | None, target: str, out: Path, span: str | None, calibration: Path | None, mesh: bool, jump: float,
     depth: Literal["16UC1", "32FC1"], sensor: str, rig: str | None, mount: Path | None, matching: Matching, as_json: bool,
 ) -> None:  # fmt: skip
-    r"""Write the frames of SOURCE, a session folder or an MCAP recording, in the files of other programs.
+    """Write the frames of SOURCE, a session folder or an MCAP recording, in the files of other programs.
 
-    \b
-    ros2   a rosbag2 folder (MCAP): left/image_rect, camera_info, disparity, depth, points2, tf_static   [extra ros]
-    ply    points a frame, in mm            glb    points, or with --mesh a textured mesh, in metres
-    las, laz  points a frame, in metres, z up   [extra las]
-    png16  disparity in sixteenths, and frames.json with what makes depth of it
-    video  depth as .mp4 or .avi            urdf   a robot description of --rig, without SOURCE
+    ros2: a rosbag2 folder with left/image_rect, camera_info, disparity, depth, points2 and tf_static (extra ros).
+
+    ply, glb, las, laz: a file a frame. ply in mm; glb in metres, as points or (--mesh) with the picture on triangles; las
+    and laz in metres with z up (extra las).
+
+    png16: disparity in sixteenths of a pixel, and frames.json with what makes depth of it. video: depth, as .mp4 or .avi.
+
+    urdf: a robot description of --rig with its mount; it takes no SOURCE.
     """
     from prismstereo.export.formats import Wishes, export
     from prismstereo.export.ros_messages import FrameNames

@@ -122,10 +122,10 @@ class RecordingSource:
             if not isinstance(entry, StoredPacket):
                 continue
             if entry.session != session:
-                yield from joining.end(wall_ns)
+                yield from joining.end()
                 joining, session = _Joining(), entry.session
             yield from joining.feed(entry, wall_ns)
-        yield from joining.end(self._recording.end_ns)
+        yield from joining.end()
 
     def _geometries(self, frame: ReceivedFrame) -> Geometries:
         named = frame.calibration_hash
@@ -161,9 +161,8 @@ class _Joining:
         for paired in self._pairing.ready():
             yield paired, self._ahead_ns or 0
 
-    def end(self, wall_ns: int) -> Iterator[tuple[Paired, int]]:
-        """Give what is left."""
-        self._take(self._frames.flush(), wall_ns)
+    def end(self) -> Iterator[tuple[Paired, int]]:
+        """Give the frames that wait; one that the recording cuts in its middle is left out, as a live one would be."""
         for paired in self._pairing.ready(late=0):
             yield paired, self._ahead_ns or 0
 

@@ -27,6 +27,7 @@ from prismstereo_hw.errors import DataError, PrismStereoError
 from prismstereo_hw.frame import RawFrame
 from prismstereo_ros.camera_info_intake import CameraInfoIntake
 from prismstereo_ros.setting_parameters import SettingParameters
+from prismstereo_ros.stamps import stamp_ns
 from prismstereo_ros.topics import Topics
 
 __all__ = ["CameraNode"]
@@ -126,8 +127,8 @@ class CameraNode:
             before, self._zones_at_us = self._zones_at_us, zones.timestamp_us
             if self._geometry is not None and self._topics.wanted("scan"):
                 period_s = 0.0 if before is None else max(zones.timestamp_us - before, 0) / 1e6
-                stamp_ns = self._stamp_ns(zones.timestamp_us)
-                scan = laser_scan(zones, self._geometry, stamp_ns, self._names.link, period_s)
+                at_ns = self._stamp_ns(zones.timestamp_us)
+                scan = laser_scan(zones, self._geometry, at_ns, self._names.link, period_s)
                 self._topics.publish("scan", scan)
 
     def _read_raw(self) -> None:
@@ -147,27 +148,23 @@ class CameraNode:
             self._voice.warning(f"raw frame {head.frame}: {error}")
             return
         pair = split(frame, calibration.views)
-        stamp_ns = self._stamp_ns(head.timestamp_us)
+        at_ns = self._stamp_ns(head.timestamp_us)
         for side, pixels in zip(SIDES, (pair.left, pair.right), strict=True):
-            self._topics.publish(_RAW_TOPICS[side], image(pixels, stamp_ns, self._names.left))
+            self._topics.publish(_RAW_TOPICS[side], image(pixels, at_ns, self._names.left))
 
     def _frame_ns(self, frame: ReceivedFrame) -> int:
         return self._stamp_ns(frame.timestamp_us)
 
     def _stamp_ns(self, device_us: int) -> int:
-        """Take a stamp of the camera's clock to ROS's, by way of this computer's; before the clocks are compared, say now."""
         now_ns = int(self._node.get_clock().now().nanoseconds)
-        clock = self._camera.clock
-        if clock is None:
-            return now_ns
-        return now_ns - (time.monotonic_ns() - 1000 * clock.host_time_us(device_us))
+        return stamp_ns(device_us, self._camera.clock, now_ns=now_ns, monotonic_ns=time.monotonic_ns())
 
     def _report(self) -> None:
         camera, now = self._camera, self._camera.statistics
-        stamp_ns = int(self._node.get_clock().now().nanoseconds)
+        at_ns = int(self._node.get_clock().now().nanoseconds)
         hardware = camera.identity.device_id.hex()
         told = diagnostic_array(
-            self._names.sensor, hardware, camera.state, now, self._before, stamp_ns=stamp_ns, period_s=_REPORT_S
+            self._names.sensor, hardware, camera.state, now, self._before, stamp_ns=at_ns, period_s=_REPORT_S
         )
         self._before = now
         self._topics.publish(_DIAGNOSTICS, told)
