@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from prismstereo.cli.baud import baud_option
 from prismstereo.cli.output import json_option, say
 from prismstereo_hw.errors import DataError, UsageError
 
@@ -24,8 +25,9 @@ _TOLD = ("product", "serial", "name", "version", "sensor", "stamp_quality")
 @click.command("devices", epilog="Example:  prismstereo devices /dev/ttyACM0")
 @click.argument("target", required=False)
 @click.option("--timeout", default=5.0, show_default=True, type=click.FloatRange(0.1, 60), help="Seconds to wait.")
+@baud_option
 @json_option
-def command(target: str | None, timeout: float, as_json: bool) -> None:
+def command(target: str | None, timeout: float, baud: int | None, as_json: bool) -> None:
     """List the serial ports of this machine and the sensors on USB, or ask the sensor at TARGET who and how it is.
 
     TARGET is a serial port (/dev/ttyACM0, COM3), serial:NUMBER as listed, tcp:HOST:PORT, a recording (*.mcap), or
@@ -34,7 +36,7 @@ def command(target: str | None, timeout: float, as_json: bool) -> None:
     if target is None:
         _list(as_json=as_json)
     else:
-        _ask(target, timeout, as_json=as_json)
+        _ask(target, timeout, baud, as_json=as_json)
 
 
 def _list(*, as_json: bool) -> None:
@@ -49,10 +51,10 @@ def _list(*, as_json: bool) -> None:
     say({"ports": told}, lines or ["no serial port on this machine; `prismstereo demo` needs none"], as_json=as_json)
 
 
-def _ask(target: str, timeout_s: float, *, as_json: bool) -> None:
+def _ask(target: str, timeout_s: float, baud: int | None, *, as_json: bool) -> None:
     from prismstereo.opening import open_camera
 
-    with open_camera(target, timeout_s=timeout_s, reconnect=False) as camera:
+    with open_camera(target, timeout_s=timeout_s, baud=baud, reconnect=False) as camera:
         result, lines = _identity(target, camera)
         details, settings = _details(camera)
         health = _health(camera)

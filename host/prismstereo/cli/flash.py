@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from prismstereo.cli.baud import baud_option
 from prismstereo.cli.output import json_option, say
 from prismstereo_hw.errors import DataError, DeviceError, UsageError
 
@@ -27,8 +28,11 @@ _MOST_BYTES = 256 << 10
     type=click.Path(path_type=Path),
     help="Where the one before is saved; default: calibration-DEVICE-HASH.bin in this folder.",
 )
+@baud_option
 @json_option
-def command(target: str | None, calibration: Path | None, restore: bool, backup: Path | None, as_json: bool) -> None:
+def command(
+    target: str | None, calibration: Path | None, restore: bool, backup: Path | None, baud: int | None, as_json: bool
+) -> None:
     """Write a calibration to the sensor at TARGET (default: the one on USB), and read it back.
 
     What the sensor has is saved first, as a file that `--calibration` takes again. The sensor verifies what it gets and keeps
@@ -40,7 +44,7 @@ def command(target: str | None, calibration: Path | None, restore: bool, backup:
     if restore == (calibration is not None):
         raise UsageError("say either --calibration FILE, to write one, or --restore, to go back to the first one")
     content = None if calibration is None else _flash_bytes(calibration)
-    with open_camera(target) as camera:
+    with open_camera(target, baud=baud) as camera:
         before = _held(camera)
         saved = _save(camera, before, backup) if before else None
         if content is None:

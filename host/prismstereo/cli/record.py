@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from prismstereo.cli.baud import baud_option
 from prismstereo.cli.output import json_option, say
 from prismstereo_hw.errors import UsageError
 
@@ -20,15 +21,16 @@ if TYPE_CHECKING:
     from prismstereo.driver import StereoCamera
     from prismstereo.recording import Recorder
 
-_FIRST_FRAME_S = (
-    20.0  # a camera that compiles its matcher takes some seconds to its first frame; raw ones alone have none
-)
+_FIRST_FRAME_S = 20.0  # to the first frame, while a matcher is compiled; a stream of raw frames alone has none
 _LOOK_EVERY_S = 0.1
+_MEET_S = 10.0
 
 
-@click.command("record", epilog="Example:  prismstereo record --port /dev/ttyACM0 --seconds 60 --out recordings")
-@click.option("--port", metavar="P", help="Serial port, or tcp:HOST:PORT, of the sensor.")
-@click.option("--simulated", metavar="RIG[:SCENE]", help="Record the built-in simulated sensor instead.")
+@click.command("record", epilog="Example:  prismstereo record /dev/ttyACM0 --seconds 60 --out recordings")
+@click.argument("target", required=False)
+@click.option("--port", metavar="TARGET", help="The same as TARGET.")
+@click.option("--simulated", metavar="RIG[:SCENE]", help="The same as TARGET simulated:RIG[:SCENE].")
+@baud_option
 @click.option("--seconds", type=click.FloatRange(min=0.1), help="Stop so long after the first frame; else on Ctrl-C.")
 @click.option("--raw", is_flag=True, help="Keep the sensor's own frames too, so that depth can be computed anew.")
 @click.option("--preview", is_flag=True, help="Keep the rectified left picture too.")
@@ -40,21 +42,22 @@ _LOOK_EVERY_S = 0.1
 @click.option("--out", "-o", required=True, type=click.Path(path_type=Path), help="Folder for the recording.")
 @json_option
 def command(
-    port: str | None, simulated: str | None, seconds: float | None, raw: bool, preview: bool, label: str,
-    views_hz: float, keep_free_mb: float | None, out: Path, as_json: bool,
+    target: str | None, port: str | None, simulated: str | None, baud: int | None, seconds: float | None, raw: bool,
+    preview: bool, label: str, views_hz: float, keep_free_mb: float | None, out: Path, as_json: bool,
 ) -> None:  # fmt: skip
-    """Record a sensor into a new MCAP file in a folder.
+    """Record the sensor at TARGET (see `prismstereo devices --help`; default: the one on USB) into a new MCAP file in a folder.
 
     The file is named by time (UTC) and device. It holds every packet of the device with check sums, the calibration, events,
     and pictures in standard schemas for other programs. It is made safe every second; on Ctrl-C, SIGTERM, or when the disk
     gets full, it is ended in good order.
     """
+    from prismstereo.opening import open_camera
     from prismstereo.recording import Recorder
 
     least = None if keep_free_mb is None else round(keep_free_mb * 1e6)
     with (
         _stop_signals() as stopping,
-        _camera(port, simulated) as camera,
+        open_camera(_target(target, port, simulated), baud=baud, timeout_s=_MEET_S) as camera,
         _switched_on(camera, raw=raw, preview=preview),
     ):
         with Recorder(camera, out, label=label, views_hz=views_hz, least_free_bytes=least) as recorder:
@@ -111,22 +114,14 @@ def _tell(camera: StereoCamera, recorder: Recorder, *, as_json: bool) -> None:
         raise LinkLost("the sensor went away for good: what came before is recorded")
 
 
-@contextmanager
-def _camera(port: str | None, simulated: str | None) -> Iterator[StereoCamera]:
-    from prismstereo.driver import StereoCamera
-    from prismstereo.simulated import SimulatedDevice
-
-    if (port is None) == (simulated is None):
-        raise UsageError("say what to record: --port P of a sensor, or --simulated RIG[:SCENE]")
-    if port is not None:
-        with StereoCamera.open(port) as camera:
-            yield camera
-        return
-    with (
-        SimulatedDevice(f"twin:{simulated}", lossless=False) as device,
-        StereoCamera.open(device.address, timeout_s=30.0) as camera,
-    ):
-        yield camera
+def _target(target: str | None, port: str | None, simulated: str | None) -> str | None:
+    """Return what to record: said once, in whichever way."""
+    said = [
+        name for name in (target, port, None if simulated is None else f"simulated:{simulated}") if name is not None
+    ]
+    if len(said) > 1:
+        raise UsageError(f"{len(said)} sensors to record ({', '.join(said)}): say one")
+    return said[0] if said else None
 
 
 @contextmanager

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from prismstereo.cli.baud import baud_option
 from prismstereo.cli.output import json_option, say
 from prismstereo_hw.errors import UsageError
 
@@ -29,8 +30,9 @@ _PNG = b"\x89PNG"
     type=click.FloatRange(1, 3600),
     help="Seconds for the camera to take it; fetching it takes what the line needs.",
 )
+@baud_option
 @json_option
-def command(target: str | None, out: Path, crop: str | None, timeout_s: float, as_json: bool) -> None:
+def command(target: str | None, out: Path, crop: str | None, timeout_s: float, baud: int | None, as_json: bool) -> None:
     """Take a still with the sensor at TARGET (see `prismstereo devices --help`; default: the one on USB) and write it to OUT.
 
     The stream goes on meanwhile. OUT is written whole or not at all.
@@ -40,7 +42,7 @@ def command(target: str | None, out: Path, crop: str | None, timeout_s: float, a
     if out.suffix.lower() not in _ENDINGS:
         raise UsageError(f"{out} is no picture's name: end it in {', '.join(_ENDINGS)}")
     rectangle = _rectangle(crop)
-    with open_camera(target) as camera:
+    with open_camera(target, baud=baud) as camera:
         still = camera.still(rectangle, timeout_s=timeout_s)
         device_id = camera.identity.device_id.hex()
     _write(out, still)

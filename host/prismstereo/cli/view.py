@@ -9,6 +9,7 @@ from types import FrameType
 
 import click
 
+from prismstereo.cli.baud import baud_option
 from prismstereo_hw.errors import UsageError
 
 _BROWSER_PORT = 8710
@@ -39,7 +40,7 @@ _BROWSER_PORT = 8710
     help="Folder of recordings.",
 )
 @click.option("--rig", help="The unit's rig file, for captured sessions, where its rig is not a built-in one.")
-@click.option("--baud", type=click.IntRange(1200, 50_000_000), help="Speed of a serial port.")
+@baud_option
 def command(
     target: str | None, address: str, port: int, tls_cert: Path | None, tls_key: Path | None, no_browser: bool,
     records: Path, rig: str | None, baud: int | None,
