@@ -80,15 +80,19 @@ def served(arguments: list[str], port: Path, talk: Callable[[Desk, HelloReply], 
             os.kill(os.getpid(), signal.SIGTERM)  # or the program would go on
             raise
 
-    with ThreadPoolExecutor(1) as host:
-        visited = host.submit(visit)
-        try:
-            main([*arguments, "--matcher", "bm", "--link", "pty", "--symlink", str(port)])
-        except SystemExit as ended:
+    before = signal.signal(signal.SIGTERM, signal.SIG_IGN)  # one that comes after the program's end is for nobody
+    try:
+        with ThreadPoolExecutor(1) as host:
+            visited = host.submit(visit)
+            try:
+                main([*arguments, "--matcher", "bm", "--link", "pty", "--symlink", str(port)])
+            except SystemExit as ended:
+                visited.result(60)
+                return int(ended.code or 0)
             visited.result(60)
-            return int(ended.code or 0)
-        visited.result(60)
-    return 0
+        return 0
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def test_a_camera_takes_commands_and_starts_again_with_what_it_was_given(

@@ -126,11 +126,22 @@ def test_a_full_disk_is_said_with_an_exit_code_and_the_file_opens(
 
 
 def test_a_recorder_that_is_asked_to_stop_writes_the_index(tmp_path: Path) -> None:
-    asking = threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGTERM))
-    with PtyPort() as link, serve(_steady(), link):
-        asking.start()
-        _, said = in_process(record.command, "--port", link.name, "--out", tmp_path, "--label", "a box", "--json")
-        asking.join()
+    def ask() -> None:
+        until_s = time.monotonic() + 30
+        while not list(tmp_path.glob("*.mcap")) and time.monotonic() < until_s:
+            time.sleep(0.05)
+        time.sleep(0.3)
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    before = signal.signal(signal.SIGTERM, signal.SIG_IGN)  # the verb's own takes its place while it records
+    try:
+        with PtyPort() as link, serve(_steady(), link):
+            asking = threading.Thread(target=ask)
+            asking.start()
+            _, said = in_process(record.command, link.name, "--out", tmp_path, "--label", "a box", "--json")
+            asking.join()
+    finally:
+        signal.signal(signal.SIGTERM, before)
     told = json.loads(said[said.index("{") :])
     assert (told["packets_dropped"], told["reason"]) == (0, None)
     with Recording(told["file"]) as recording:
