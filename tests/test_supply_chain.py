@@ -11,7 +11,14 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parent.parent
-FOLDERS = ("hw/prismstereo_hw", "calibration/prismstereo_calibration", "device/prismstereo_device", "host/prismstereo")
+FOLDERS = (
+    "hw/prismstereo_hw",
+    "calibration/prismstereo_calibration",
+    "device/prismstereo_device",
+    "device/image",
+    "host/prismstereo",
+    "host/ros2",
+)
 FORBIDDEN_CALLS = {"eval", "exec", "compile", "__import__"}
 FORBIDDEN_MODULES = {"pickle", "cPickle", "dill", "marshal", "shelve"}
 FORBIDDEN_METHODS = {("os", "system"), ("os", "popen"), ("yaml", "load"), ("cv2", "FileStorage")}

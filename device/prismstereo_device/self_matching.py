@@ -13,6 +13,7 @@ from typing import Protocol
 from prismstereo_calibration import flash
 from prismstereo_calibration.model import Calibration
 from prismstereo_device.control.identity import board_temperature_c, device_id
+from prismstereo_device.control.settings import Settings
 from prismstereo_device.objects import ObjectNumber
 from prismstereo_device.program.assembly import (
     Assembly,
@@ -30,6 +31,7 @@ from prismstereo_hw.errors import UsageError
 
 __all__ = ["MatchingCamera", "SelfMatchingSource", "matches_by_itself", "open_matching_camera", "self_matching"]
 
+_ITS_OWN = ("rate_hz", "bound")  # settings that hold for a camera that matches by itself, too
 _KIND = "oak:"
 _BACKUP = "eeprom"  # below the state folder: what the camera's own calibration memory held before we came
 
@@ -101,6 +103,20 @@ def open_matching_camera(configuration: Configuration, calibration: Calibration)
     )
 
 
+def _refuse_what_it_cannot(configuration: Configuration) -> None:
+    """Raise `UsageError` for what only our own matcher and filters do."""
+    wished, plain = configuration.settings, Settings()
+    asked = ["filters"] if configuration.filters else []
+    asked += [
+        name for name in wished.__struct_fields__ if name not in _ITS_OWN and wished.value(name) != plain.value(name)
+    ]
+    if asked:
+        raise UsageError(
+            f"{', '.join(asked)}: a camera that matches by itself does not do that; leave it out, or take its frames with "
+            "mode=capture"
+        )
+
+
 def self_matching(
     configuration: Configuration,
     disk: Disk,
@@ -110,6 +126,7 @@ def self_matching(
     """Put a camera that matches by itself together; the errors of `assembled`, and `DeviceError` where it is not there."""
     from prismstereo_device.sensors.oak import OakOptions
 
+    _refuse_what_it_cannot(configuration)
     slots = CalibrationSlots(disk)
     rig = OakOptions.parse(configuration.sensor.removeprefix(_KIND)).rig
     first = first_calibration(configuration, slots, rig)

@@ -292,7 +292,7 @@ def quality(disparity: np.ndarray, truth: np.ndarray, seen: np.ndarray) -> tuple
 def test_teddy_is_matched_sparsely_and_well(data: Path) -> None:
     left, right, truth, labels = real_pair(data, "teddy")
     density, bad, _ = quality(found_by(left, right, labels).disparity_px, truth, seen_from_the_right(truth))
-    assert density > 75  # the prototype: 77.1 / 3.5; semi-global matching: 88.5 / 5.0
+    assert density > 75  # reached: 77.1 / 3.5; semi-global matching: 88.5 / 5.0
     assert bad < 4.2
 
 

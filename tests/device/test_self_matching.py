@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 from hashlib import sha256
+from typing import Any
+
+import pytest
 
 from device.service_host import disparity
 from prismstereo_calibration import flash
 from prismstereo_calibration.model import Calibration
+from prismstereo_device.control.settings import Settings
 from prismstereo_device.objects import ObjectNumber, WriteStatus
 from prismstereo_device.program.assembly import Program
 from prismstereo_device.program.configuration import Configuration
@@ -15,6 +19,7 @@ from prismstereo_device.self_matching import matches_by_itself, self_matching
 from prismstereo_device.serving.log_ring import LogRing
 from prismstereo_device.source import ProducedFrame
 from prismstereo_device.state import MemoryDisk
+from prismstereo_hw.errors import UsageError
 
 
 class Numbered:
@@ -37,6 +42,18 @@ def test_on_device_stereo_is_asked_for_by_its_address() -> None:
     assert matches_by_itself("oak:?mode=stereo")
     assert not matches_by_itself("oak:")
     assert not matches_by_itself("twin:oak-1")
+
+
+@pytest.mark.parametrize(
+    ("wish", "named"),
+    [({"filters": "robot"}, "filters"), ({"settings": Settings(zones=True, gain=2.0)}, "gain, zones")],
+)
+def test_what_only_our_own_matcher_does_is_refused_by_name(wish: dict[str, Any], named: str) -> None:
+    configuration = Configuration(sensor="oak:?mode=stereo&rig=oak-1", **wish)
+    with ThreadPoolExecutor(1) as worker:
+        program = Program(worker, LogRing(), lambda: None, lambda: None)
+        with pytest.raises(UsageError, match=rf"{named}: a camera that matches by itself"):
+            self_matching(configuration, MemoryDisk(), program, lambda *_: Numbered())
 
 
 def test_its_frames_go_out_and_a_new_calibration_starts_it_again() -> None:
