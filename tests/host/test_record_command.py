@@ -104,11 +104,11 @@ def _largest_file(size: int) -> Iterator[None]:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
-@pytest.mark.parametrize("runs", [1, pytest.param(30, marks=pytest.mark.soak)])
+@pytest.mark.soak  # the limit holds for all of this process, and what runs beside it may have files, too
 def test_a_full_disk_is_said_with_an_exit_code_and_the_file_opens(
-    tmp_path: Path, runs: int, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    rng, worst_s = random.Random(6), 0.0
+    rng, worst_s, runs = random.Random(6), 0.0, 30
     for run in range(runs):
         out = tmp_path / str(run)
         with PtyPort() as link, serve(Counting(1_000_000, period_s=0.005), link):
@@ -120,9 +120,8 @@ def test_a_full_disk_is_said_with_an_exit_code_and_the_file_opens(
         assert "File too large" in str(told.value)
         worst_s = max(worst_s, (ended_us - _last_us(next(out.glob("*.mcap")))) * 1e-6)
     assert worst_s <= 2.0  # the verb looks ten times a second, and closes the camera
-    if runs > 1:
-        with capsys.disabled():
-            print(f"{runs} full disks: every file opens, at most {worst_s:.2f} s before the verb's end are lost")
+    with capsys.disabled():
+        print(f"{runs} full disks: every file opens, at most {worst_s:.2f} s before the verb's end are lost")
 
 
 def test_a_recorder_that_is_asked_to_stop_writes_the_index(tmp_path: Path) -> None:
